@@ -42,6 +42,7 @@ COMPILED = {
         "../_calls.h",
         "../_instruction_sets.h",
         "../_module.h",
+        "_arcsine.h",
         "_decomposition.h",
         "_kernel_answers.h",
         "_kernel_frame.h",
@@ -59,6 +60,7 @@ COMPILED = {
         "../diffuse/_pixels_call.h",
         "../response/_newton.h",
         "../response/_newton_call.h",
+        "../response/_table.h",
     ),
     "resolver/likelihood/_likelihood": (
         "../_buffers.h",
@@ -69,6 +71,9 @@ COMPILED = {
         "_levenberg_marquardt.h",
         "../paper/_levenberg_marquardt.h",
         "../paper/_levenberg_marquardt_call.h",
+        "../response/_more_harmonics.h",
+        "../response/_table.h",
+        "../two_path/_arcsine.h",
     ),
 }
 """Extension modules: the path of a C file in `cadtof_cli` without its suffix, and the headers on which it depends."""

@@ -16,7 +16,7 @@ from speed.paper_way import paper_way
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import read_stored
-from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
+from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Waveform
 from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
@@ -33,6 +33,8 @@ from cadtof_cli.simulation.scene.exposure import Exposure, frame_voltages
 from cadtof_cli.simulation.scene.scenes import Wall
 from cadtof_cli.units import C_M_PER_NS
 from cadtof_cli.workflows.simulate.record import expose
+from tests.support.campaign import camera
+from tests.support.defects import Defects
 from tests.support.kernels import by_kernel
 from tests.support.mixtures import C, F, Mixture, recorded
 
@@ -50,6 +52,9 @@ WRONG = 1e-6
 
 LIGHTS = (Mixture((1.0, 0.3), (5.0, 16.0)), Mixture((1.0, 0.1), (5.0, 11.0)), Mixture((1.0,), (5.0,)))
 """Light on which lm is measured: two paths, two paths nearer each other with less MPI, and one path."""
+
+
+WAVEFORMS: tuple[Waveform, ...] = ("triangle", "sine")
 
 
 def table(*columns: str) -> None:
@@ -224,6 +229,50 @@ def paths(pixels: int) -> None:
             )
 
 
+# --- triangle waves ---------------------------------------------------------------------------------------------------
+
+
+def triangles() -> None:
+    """Print what two paths of triangle waves leave, beside sines; the frames are samples of the waveform itself."""
+    table(
+        "MPI 0.3, ASR 5, n_av 2e5 in all",
+        "triangles: median error, cm",
+        "more than 10 cm off",
+        "within 1, 2 sigma",
+        "sines: median error, cm",
+        "more than 10 cm off",
+    )
+    for separation in (4.0, 6.0, 11.0, 20.0):
+        for count in (2, 3, 4):
+            cells: list[str] = []
+            for waveform in WAVEFORMS:
+                error, sigma = _errors_of(waveform, count, separation)
+                cells += [f"{100.0 * np.nanmedian(error):.3f}", f"{np.nanmean(error > 0.1):.2%}"]
+                if waveform == "triangle":
+                    cells.append(f"{np.nanmean(error < sigma):.3f}, {np.nanmean(error < 2.0 * sigma):.3f}")
+            row(f"{separation:g} ns apart, {{{','.join(map(str, range(1, count + 1)))}}}", *cells)
+
+
+def _errors_of(waveform: Waveform, count: int, separation: float) -> tuple[F, F]:
+    """Return the errors of direct depths from .3 to 2.5 m, and their sigma, in m."""
+    stored, plan, truth = _recorded_pair(waveform, count, separation, n_av=2e5 / count, pixels=(120, 160))
+    maps = resolve_frame(stored, plan=plan).maps
+    return np.abs(maps.layer(DIRECT_DEPTH) - truth), maps.layer(DIRECT_SIGMA).astype(np.float64)
+
+
+def _recorded_pair(
+    waveform: Waveform, count: int, separation: float, *, n_av: float, pixels: tuple[int, int]
+) -> tuple[NDArray[np.uint16], FramePlan, F]:
+    """Return a frame of two paths, how it is resolved, and the true direct depth, in m."""
+    nothing = Defects(phase_rad=(0.0,) * count, gain=(1.0,) * count)
+    seen = camera(nothing, waveform=waveform, harmonics=count, pixels=pixels, n_av=n_av)
+    truth = np.random.default_rng(1).uniform(0.3, 2.5, pixels)
+    ranges, shares = np.stack([truth, truth + C_M_PER_NS / 2.0 * separation]), np.array([1.0, 0.3]) / 6.3
+    (stored,) = seen.frames(ranges, shares[:, np.newaxis, np.newaxis] * np.ones_like(ranges), count=1, seed=5)
+    settings = MapSettings(resolver=ResolverSettings(mpi_model="discrete"))
+    return stored, FramePlan(metadata=seen.metadata, settings=settings), truth
+
+
 # --- pooling ---------------------------------------------------------------------------------------------------------
 
 
@@ -295,6 +344,8 @@ def speed(repeats: int) -> None:
         "likelihood {1,2,3,4}, two paths": _frame(light, (1, 2, 3, 4), discrete),
         "lm {1,2}, two paths": _frame(light, (1, 2), ResolverSettings(solver="lm")),
         "lm {1,2,3}, two paths": _frame(light, (1, 2, 3), ResolverSettings(solver="lm")),
+        "triangle waves {1,2}, two paths": _frame_of_triangles(2),
+        "triangle waves {1,2,3}, two paths": _frame_of_triangles(3),
         "three paths, {1,2,3}": _frame(three, (1, 2, 3), ResolverSettings(paths=3)),
         "closed form {1,2}, pooled 5 × 5": _frame(light, (1, 2), discrete, pool=5),
     }
@@ -316,9 +367,16 @@ def _frame(
     return lambda: by_kernel(kernel, resolve_frame, stored.astype(np.float32), plan=plan)
 
 
+def _frame_of_triangles(count: int) -> Callable[[], object]:
+    stored, plan, _ = _recorded_pair("triangle", count, 11.0, n_av=1e5, pixels=(240, 320))
+    return lambda: resolve_frame(stored, plan=plan)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("parts", nargs="*", help="which of lm, starts, harmonics, paths, pooling, speed [default: all]")
+    parser.add_argument(
+        "parts", nargs="*", help="which of lm, starts, harmonics, paths, triangles, pooling, speed [default: all]"
+    )
     parser.add_argument("--pixels", type=int, default=4000, help="pixels drawn for each row of the accuracy tables")
     parser.add_argument("--scipy-pixels", type=int, default=4000, help="pixels that scipy solves as well, 2 ms each")
     parser.add_argument(
@@ -331,6 +389,7 @@ def main() -> None:
         "starts": lambda: starts(arguments.pixels),
         "harmonics": lambda: harmonics(arguments.pixels),
         "paths": lambda: paths(arguments.pixels),
+        "triangles": triangles,
         "pooling": pooling,
         "speed": lambda: speed(arguments.repeats),
     }

@@ -249,18 +249,18 @@ def smooth(seed: int) -> Scenes:
 
 
 def recordings(
-    scene: Scene, camera: Camera, lengths: tuple[float, ...], harmonics: int, seed: int
+    scene: Scene, camera: Camera, lengths: tuple[float, ...], modulation: Modulation, seed: int
 ) -> Iterator[tuple[Float, Float, CaptureMetadata]]:
     """Yield the volts of a frame, its true ranges and its metadata for every integration length; light is followed once."""
     metadata = CaptureMetadata(
-        modulation=Modulation(periods_ns=PERIODS_NS[:harmonics]),
+        modulation=modulation,
         pixel=Pixel(integration_length=1e5),
         optics=camera.optics,
     )
     usual = Exposure(scene=scene, camera=camera, metadata=metadata, seed=seed)
     whole = expose(usual)
     for length in lengths:
-        each = float(round(length * 2 / harmonics))
+        each = float(round(length * 2 / len(modulation.periods_ns)))
         volts, known = with_length(usual, whole, each)
         yield volts, whole.truth[DIRECT_DEPTH], known
 
@@ -270,6 +270,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("frames", choices=tuple(LENGTHS), help="which set of frames")
     parser.add_argument("--harmonics", type=int, default=2, choices=(2, 3, 4))
+    parser.add_argument("--waveform", default="sine", choices=("sine", "triangle"))
     parser.add_argument("--seed", type=int, default=3, help="seed of the noise, and of scenes that are drawn")
     chosen = parser.parse_args()
     by_seed: dict[str, Callable[[int], Scenes]] = {
@@ -280,10 +281,11 @@ def main() -> None:
         "smooth": smooth,
     }
     scenes = cards() if chosen.frames == "cards" else by_seed[chosen.frames](chosen.seed)
+    modulation = Modulation(periods_ns=PERIODS_NS[: chosen.harmonics], waveform=chosen.waveform)
     counts: dict[str, int] = {}
     tails: dict[str, list[tuple[float, float]]] = {}
     for kind, scene, camera, lengths in scenes:
-        for volts, truth_m, metadata in recordings(scene, camera, lengths, chosen.harmonics, chosen.seed):
+        for volts, truth_m, metadata in recordings(scene, camera, lengths, modulation, chosen.seed):
             taken, two = (resolved(volts, metadata, model=model) for model in MODELS)
             counts[kind] = counts.get(kind, 0) + 1
             if taken.mpi is not None and taken.mpi.taken == "diffuse":

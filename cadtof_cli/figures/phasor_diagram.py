@@ -12,7 +12,6 @@ from cadtof_cli.figures.canvas import Figure, add_title
 from cadtof_cli.figures.kinds import save
 from cadtof_cli.figures.scales import DIRECT_COLOUR, MEASURED_COLOUR, MPI_COLOUR, OTHER_COLOUR
 from cadtof_cli.pipeline.one_pixel import PixelEvidence
-from cadtof_cli.resolver.status import StatusBit
 
 DOTS_PER_INCH = 120
 
@@ -51,7 +50,9 @@ def _panel(axes: Axes, evidence: PixelEvidence, row: int, harmonic: int) -> None
     if not np.isfinite(phasor):
         axes.text(0.5, 0.5, "not finite", ha="center", va="center", transform=axes.transAxes)
         return
-    ends = _path_ends(evidence, row, harmonic)
+    steps = evidence.of_paths[row]
+    # each arrow starts at the end of the one before
+    ends = [complex(end) for end in np.cumsum(steps[np.isfinite(steps)])]
     reach = 1.18 * max(abs(phasor), *(abs(end) for end in ends), 1e-9)
     _arrow(axes, 0.0, phasor, MEASURED_COLOUR, "recorded", width=1.6)
     paths = (DIRECT_COLOUR, "direct"), (MPI_COLOUR, "MPI"), (OTHER_COLOUR, "further paths")
@@ -63,15 +64,6 @@ def _panel(axes: Axes, evidence: PixelEvidence, row: int, harmonic: int) -> None
     axes.plot(abs(phasor) * np.cos(turn), abs(phasor) * np.sin(turn), color="0.9", lw=0.8, zorder=0)
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2, fontsize=8, frameon=False)
-
-
-def _path_ends(evidence: PixelEvidence, row: int, harmonic: int) -> list[complex]:
-    """Return the ends of the arrows of the paths, each from the end before; with diffuse MPI, the second one is the tail."""
-    paths = evidence.resolved.paths
-    steps = paths.amplitude[:, 0] * np.exp(1j * harmonic * paths.phase_rad[:, 0])
-    if evidence.resolved.status[0] & StatusBit.DIFFUSE_MPI:
-        steps[1] = evidence.phasors[row] - steps[0]
-    return [complex(end) for end in np.cumsum(steps[np.isfinite(steps)])]
 
 
 def _arrow(axes: Axes, start: complex, end: complex, colour: str, name: str | None, *, width: float) -> None:

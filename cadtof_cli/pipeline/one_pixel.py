@@ -59,6 +59,8 @@ class PixelEvidence:
         two: the fit of two paths, the direct one first; None if the harmonics cannot tell two paths.
         test: the order test; None if the settings ask for no test.
         resolved: the answer.
+        of_paths: what each path of the answer adds to the phasors, complex128 (H, K); NaN for no path. With diffuse MPI, the
+            second path is the tail.
         metres_per_radian: length in the map, range or planar depth, that a radian of phase at the fundamental stands for.
         in_separate_patch: whether the pixel is resolved as separate paths although the frame has a tail; None: it has
             no tail.
@@ -71,6 +73,7 @@ class PixelEvidence:
     two: tuple[PathNumbers, PathNumbers] | None
     test: OrderTest | None
     resolved: ResolvedPaths
+    of_paths: Complex
     metres_per_radian: float
     in_separate_patch: bool | None
 
@@ -102,9 +105,25 @@ def pixel_evidence(pixels: FramePixels, index: int, stages: FrameStages, /) -> P
         None if two is None else (numbers[2][0], numbers[2][1]),
         _order_test(one, two, stages, pixel.noise, metres) if asked and one and two else None,
         resolved,
+        _phasors_of_paths(phasors, resolved, pixel, stages),
         metres,
         None if tail is None else bool(tail.is_separate(pixel.here)[0]) or (nets is not None and bool(nets.where[0])),
     )
+
+
+def _phasors_of_paths(phasors: Complex, resolved: ResolvedPaths, pixel: FramePixels, stages: FrameStages) -> Complex:
+    """Return what each path of a pixel adds to its phasors, (H, K), by the response with which they were resolved."""
+    amplitude, phase_rad = resolved.paths.amplitude[:, 0], resolved.paths.phase_rad[:, 0]
+    steps: Complex = amplitude * np.exp(1j * np.outer(pixel.noise.harmonics, phase_rad))
+    if stages.response is not None:
+        block = stages.response.block(pixel.here)
+        for row, step in enumerate(steps):
+            f = block.at(row, phase_rad.astype(np.float32))
+            re, im = block.turned_back(row, f.re, f.im)
+            step[:] = amplitude * (re + 1j * im)
+    if resolved.status[0] & StatusBit.DIFFUSE_MPI:
+        steps[:, 1] = phasors[:, 0] - steps[:, 0]
+    return steps
 
 
 def _fit(phasors: Complex, count: int, pixel: FramePixels, stages: FrameStages) -> Fit | None:

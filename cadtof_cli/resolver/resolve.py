@@ -144,9 +144,9 @@ def _put_freed(fit: Fit, free: Complex, where: Bool, settings: ResolverSettings,
     """Overwrite the fit in the pixels `where` by two paths, from phasors `free` of a pure sine without tails."""
     chosen = np.flatnonzero(where)
     if chosen.size:
-        from cadtof_cli.resolver.two_path.solver import ClosedForm
-
-        _, two = ClosedForm(free[:, chosen], noise=noise).fit(2, np.ones(chosen.size, np.bool_), limit=None)
+        make_solver = solver_for(settings, noise.harmonics, sine=True)
+        of_sine = make_solver(free[:, chosen], noise=noise[chosen], settings=settings)
+        _, two = of_sine.fit(2, np.ones(chosen.size, np.bool_), limit=None)
         fit[chosen] = with_direct_first(two, settings, noise[chosen], slice(None))
 
 

@@ -126,8 +126,7 @@ class ResolverSettings:
         Raises:
             SettingsError: there are fewer harmonics than paths; or there are as many, but they are neither 1, 2, … nor
                 1, 2, 4, so that several answers fit them; or diffuse MPI is asked for without harmonics 1 and 2; or the
-                response is no pure sine, and the harmonics are not 1 and 2, the solver is `lm` or there are more than two
-                paths.
+                response is no pure sine, and the solver is `lm`.
         """
         found = f"found harmonics {', '.join(map(str, harmonics))}"
         if self.max_paths > len(harmonics):
@@ -153,12 +152,12 @@ class ResolverSettings:
         if sine:
             by_search = "paper.solver" if self.solver == "lm" and self.max_paths == 2 else "likelihood.solver"
             return CLOSED_FORM if in_closed_form else by_search
-        if not in_closed_form:
+        if self.solver == "lm":
             raise SettingsError(
-                f"{found}, --solver {self.solver}, --paths {self.paths}; the waveform or calibrated response is not a pure sine, "
-                "and needs the periods T1 and T1/2, --solver two-path or one-path, and at most two paths"
+                "--solver lm: Eq. (9) is that of a sine, and the waveform or calibrated response is not a pure sine: leave the "
+                "option out"
             )
-        return "response.solver"
+        return "response.solver" if harmonics == (1, 2) else "response.more_harmonics"
 
     def seconds_per_pixel(self, harmonics: int, /) -> float:
         """Return roughly how long one core takes for a pixel, in s, as measured by `scripts/benchmark_solvers.py`."""

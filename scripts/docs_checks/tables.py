@@ -53,6 +53,7 @@ TABLES = (
     Table("docs/solvers.md", "More harmonics", "scripts/benchmark_solvers.py harmonics"),
     Table("docs/solvers.md", "The paper's solver", "scripts/benchmark_solvers.py starts", rows="%, .*%"),
     Table("docs/solvers.md", "Pooling", "scripts/benchmark_solvers.py pooling", rows=r"× \d \|"),
+    Table("docs/solvers.md", "Triangle waves", "scripts/benchmark_solvers.py triangles"),
     Table("docs/solvers.md", "Three paths", "scripts/benchmark_solvers.py paths"),
 )
 """Which script prints which rows of the documentation. Residuals consist of the last bits, which differ between

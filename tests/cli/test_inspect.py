@@ -280,6 +280,21 @@ def test_arrows_of_all_paths_end_at_the_recorded_phasor_and_ellipses_lie_in_the_
             assert np.abs(outline).max() < axes.get_xlim()[1]
 
 
+def test_arrows_of_triangle_waves_end_at_the_recorded_phasor_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Arrows of a sine would end several hundredths beside it."""
+    made = cadtof("simulate", "--scene", "card", "--waveform", "triangle", "-o", tmp_path / "card", "-q")
+    assert made.status == 0
+    drawn: list[Figure] = []
+    monkeypatch.setattr(phasor_diagram, "save", lambda figure, *_, **__: drawn.append(figure))
+    found = _inspected(tmp_path / "card" / "frame_0000.tif", 160, 120, "-o", tmp_path / "a.png")
+    assert found["status"] == ["two paths"]
+    for axes, recorded in zip(drawn[0].axes, found["phasors"], strict=True):
+        _, *paths = [one for one in axes.texts if isinstance(one, Annotation)]
+        assert paths[-1].xy == pytest.approx(recorded, abs=1e-4)
+
+
 @pytest.mark.parametrize("form", ["tif", "exr"])
 def test_a_map_is_refused_with_the_recorded_frame_to_inspect(form: Form, tmp_path: Path) -> None:
     """The message is one line: it names the recorded frame, and the pixel there, and says nothing about settings."""

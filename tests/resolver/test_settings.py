@@ -134,24 +134,26 @@ def test_harmonics_that_cannot_separate_the_paths_are_refused(
 
 
 @pytest.mark.parametrize(
-    ("options", "harmonics", "possible"),
+    ("options", "harmonics", "module"),
     [
-        ({}, (1, 2), True),
-        ({"solver": "one-path"}, (1, 2), True),
-        ({"solver": "lm"}, (1, 2), False),
-        ({}, (1, 2, 3), False),
-        ({"paths": 3}, (1, 2, 3), False),
+        ({}, (1, 2), "response.solver"),
+        ({"solver": "one-path"}, (1, 2), "response.solver"),
+        ({}, (1, 2, 3), "response.more_harmonics"),
+        ({"paths": 3}, (1, 2, 3), "response.more_harmonics"),
+        ({"solver": "one-path"}, (1, 3), "response.more_harmonics"),
+        ({"solver": "one-path"}, (1,), "response.more_harmonics"),
     ],
 )
-def test_a_response_that_is_no_sine_is_refused_with_most_solvers(
-    options: dict[str, Any], harmonics: tuple[int, ...], possible: bool
+def test_a_response_that_is_no_sine_has_solvers_of_its_own(
+    options: dict[str, Any], harmonics: tuple[int, ...], module: str
 ) -> None:
-    settings = ResolverSettings(**options)
-    if possible:
-        assert settings.solver_module(harmonics, sine=False) == "response.solver"
-        return
-    with pytest.raises(SettingsError, match="waveform or calibrated response is not a pure sine"):
-        settings.solver_module(harmonics, sine=False)
+    assert ResolverSettings(**options).solver_module(harmonics, sine=False) == module
+
+
+@pytest.mark.parametrize("options", [{}, {"order": "1"}])
+def test_the_papers_search_is_refused_for_a_response_that_is_no_sine(options: dict[str, Any]) -> None:
+    with pytest.raises(SettingsError, match="waveform or calibrated response is not a pure sine: leave the option out"):
+        ResolverSettings(solver="lm", **options).solver_module((1, 2, 3), sine=False)
 
 
 def test_the_expected_time_per_pixel_follows_what_was_measured() -> None:

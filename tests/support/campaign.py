@@ -18,8 +18,8 @@ C_M_PER_NS = 0.299792458
 ALL_DEFECTS = Defects(
     offset_v=0.02,
     hot_share=0.002,
-    phase_rad=(0.1, 0.3),
-    gain=(1.0, 0.8),
+    phase_rad=(0.1, 0.3, -0.2),
+    gain=(1.0, 0.8, 0.9),
     sc2_gain=1.05,
     pixel_phase_rad=0.05,
     pixel_gain=0.02,
@@ -33,11 +33,16 @@ CARD_M = 0.75
 
 
 def camera(
-    defects: Defects = ALL_DEFECTS, *, waveform: Waveform = "sine", pixels: tuple[int, int] = PIXELS, n_av: float = 1e5
+    defects: Defects = ALL_DEFECTS,
+    *,
+    waveform: Waveform = "sine",
+    harmonics: int = 2,
+    pixels: tuple[int, int] = PIXELS,
+    n_av: float = 1e5,
 ) -> DefectiveCamera:
     """Return a camera of any size that has the field of view of a QVGA camera."""
     metadata = CaptureMetadata(
-        modulation=Modulation(waveform=waveform),
+        modulation=Modulation(periods_ns=tuple(40.0 / h for h in range(1, harmonics + 1)), waveform=waveform),
         pixel=Pixel(integration_length=n_av),
         optics=Optics(focal_length_px=0.875 * pixels[1], principal_point_px=((pixels[1] - 1) / 2, (pixels[0] - 1) / 2)),
     )

@@ -38,8 +38,8 @@ class Defects:
 
     offset_v: float = 0.0
     hot_share: float = 0.0
-    phase_rad: tuple[float, ...] = (0.0, 0.0)
-    gain: tuple[float, ...] = (1.0, 1.0)
+    phase_rad: tuple[float, ...] = (0.0, 0.0, 0.0)
+    gain: tuple[float, ...] = (1.0, 1.0, 1.0)
     sc2_gain: float = 1.0
     pixel_phase_rad: float = 0.0
     pixel_gain: float = 0.0

@@ -36,7 +36,7 @@ typedef int64_t Mask;
 #define LANE(values, lane) (((double *)&(values))[lane])
 #define FLAG(values, lane) (((int64_t *)&(values))[lane])
 
-enum kind { WHITE, WEIGHTED };
+enum kind { WHITE, WEIGHTED, RESPONSE };
 enum {
     MOST_PATHS = 4,
     MOST_ROWS = 8,
@@ -57,10 +57,13 @@ typedef struct {
     const int64_t *harmonics;
     double relative, first_damping;
     const double *re, *im;             /* parts of the measured phasors */
-    const double *weights;             /* WHITE: one per row; WEIGHTED: re_re, re_im, im_im, a plane per row each */
+    const double *weights;             /* WHITE: one per row; otherwise re_re, re_im, im_im, a plane per row each */
     const double *starts, *worth;
     double *points, *cost, *matrix;
     uint8_t *converged;
+    const float *tables;               /* RESPONSE: the table of each row */
+    const float *own_rad;              /* RESPONSE: own phases of the pixels, a plane per row; NULL: none */
+    const double *own_rotors;          /* RESPONSE: their cosines and sines, side by side; NULL: none */
 } Search;
 
 typedef struct {
@@ -69,6 +72,7 @@ typedef struct {
 
 typedef struct {
     Row re[MOST_ROWS], im[MOST_ROWS], weights[3][MOST_ROWS];
+    Row own[3][MOST_ROWS]; /* RESPONSE: own phase, its cosine and sine */
     Row point[MOST_POINTS], trial[MOST_POINTS];
     Linear now, there;
     Row damping, growth, worth, promised, steps;
@@ -171,6 +175,18 @@ static KERNEL_INLINE inline void linearise_white(const Search *search, const Lan
     }
 }
 
+/* mixture.py: equations_of, for one harmonic. `re` and `im` are what the paths leave of its phasor. */
+static KERNEL_INLINE inline void add_row(const Lanes *lanes, int row, const Row *re, const Row *im, const Row *slope_re,
+                                         const Row *slope_im, Linear *at, int k) {
+    const Row a = lanes->weights[0][row], b = lanes->weights[1][row], d = lanes->weights[2][row];
+    at->cost += (a * *re + 2.0 * b * *im) * *re + d * *im * *im;
+    for (int i = 0; i < 2 * k; i++) {
+        const Row weighted_re = a * slope_re[i] + b * slope_im[i], weighted_im = b * slope_re[i] + d * slope_im[i];
+        at->gradient[i] += weighted_re * *re + weighted_im * *im;
+        for (int j = 0; j <= i; j++) at->matrix[ENTRY(i, j)] += weighted_re * slope_re[j] + weighted_im * slope_im[j];
+    }
+}
+
 /* mixture.py: WeightedFit.linearised. */
 static KERNEL_INLINE inline void linearise_weighted(const Search *search, const Lanes *lanes, const Row *point, Linear *at, int k) {
     Powers rotor[MOST_PATHS];
@@ -179,7 +195,6 @@ static KERNEL_INLINE inline void linearise_weighted(const Search *search, const 
     for (int row = 0; row < search->rows; row++) {
         const int64_t number = search->harmonics[row];
         const double h = (double)number;
-        const Row a = lanes->weights[0][row], b = lanes->weights[1][row], d = lanes->weights[2][row];
         Row re, im, slope_re[MOST_STEPS], slope_im[MOST_STEPS];
         rest_of(lanes, point, rotor, k, row, number, &re, &im);
         for (int i = 0; i < k; i++) {
@@ -188,15 +203,11 @@ static KERNEL_INLINE inline void linearise_weighted(const Search *search, const 
             slope_re[k + i] = -h * rotor[i][number][1];
             slope_im[k + i] = h * rotor[i][number][0];
         }
-        at->cost += (a * re + 2.0 * b * im) * re + d * im * im;
-        for (int i = 0; i < 2 * k; i++) {
-            const Row weighted_re = a * slope_re[i] + b * slope_im[i], weighted_im = b * slope_re[i] + d * slope_im[i];
-            at->gradient[i] += weighted_re * re + weighted_im * im;
-            for (int j = 0; j <= i; j++)
-                at->matrix[ENTRY(i, j)] += weighted_re * slope_re[j] + weighted_im * slope_im[j];
-        }
+        add_row(lanes, row, &re, &im, slope_re, slope_im, at, k);
     }
 }
+
+#include "../response/_more_harmonics.h"
 
 /* normal_equations.py: cholesky and solve; the diagonal of `lower` holds 1/L_ii. */
 static KERNEL_INLINE inline void solve(const Linear *at, const Row *damping, int size, Row *x) {
@@ -276,9 +287,13 @@ static inline void load(const Search *search, Lanes *lanes, int lane, int64_t pr
     for (int row = 0; row < search->rows; row++) {
         LANE(lanes->re[row], lane) = search->re[row * n + problem];
         LANE(lanes->im[row], lane) = search->im[row * n + problem];
-        if (search->kind != WEIGHTED) continue;
+        if (search->kind == WHITE) continue;
         for (int part = 0; part < 3; part++)
             LANE(lanes->weights[part][row], lane) = search->weights[(part * search->rows + row) * n + problem];
+        if (!search->own_rad) continue;
+        LANE(lanes->own[0][row], lane) = search->own_rad[row * n + problem];
+        for (int part = 0; part < 2; part++)
+            LANE(lanes->own[1 + part][row], lane) = search->own_rotors[2 * (row * n + problem) + part];
     }
 }
 
@@ -325,6 +340,7 @@ static KERNEL_INLINE inline void search_kind(const Search *search, enum kind kin
             for (int i = 0; i < size; i++) lanes->there.gradient[i] = ALL(0.0);
             if (kind == WHITE) linearise_white(search, lanes, lanes->trial, &lanes->there, k);
             if (kind == WEIGHTED) linearise_weighted(search, lanes, lanes->trial, &lanes->there, k);
+            if (kind == RESPONSE) linearise_response(search, lanes, lanes->trial, &lanes->there, k);
         }
         for (int group = 0; group < GROUPS; group++) {
             Lanes *lanes = &groups[group];
@@ -386,20 +402,15 @@ static KERNEL_INLINE inline void weigh_all(const Weigh *weigh) {
         weigh_lanes(weigh, start, weigh->count - start < LANES ? (int)(weigh->count - start) : LANES);
 }
 
-static KERNEL_INLINE inline void search_all(const Search *search) {
-    switch (search->kind) {
-    case WHITE:
-        switch (search->paths) {
-        case 1: search_kind(search, WHITE, 1); break;
-        case 2: search_kind(search, WHITE, 2); break;
-        default: search_kind(search, WHITE, search->paths);
-        }
-        break;
-    default:
-        switch (search->paths) {
-        case 1: search_kind(search, WEIGHTED, 1); break;
-        case 2: search_kind(search, WEIGHTED, 2); break;
-        default: search_kind(search, WEIGHTED, search->paths);
-        }
+#define SEARCH(kind) \
+    switch (search->paths) { \
+    case 1: search_kind(search, kind, 1); break; \
+    case 2: search_kind(search, kind, 2); break; \
+    default: search_kind(search, kind, search->paths); \
     }
+
+static KERNEL_INLINE inline void search_all(const Search *search) {
+    if (search->kind == WHITE) SEARCH(WHITE)
+    else if (search->kind == WEIGHTED) SEARCH(WEIGHTED)
+    else SEARCH(RESPONSE)
 }

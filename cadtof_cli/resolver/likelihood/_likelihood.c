@@ -1,6 +1,6 @@
-/* The compiled twins of levenberg_marquardt.py, of the scans in starts.py, and of the search of Eq. (9)
- * (paper/levenberg_marquardt.py), as a Python module. Each function reads buffers and fills buffers; the module keeps no
- * state.
+/* The compiled twins of levenberg_marquardt.py, of the scans in starts.py, of the equations in response/more_harmonics.py,
+ * and of the search of Eq. (9) (paper/levenberg_marquardt.py), as a Python module. Each function reads buffers and fills
+ * buffers; the module keeps no state.
  *
  * These modules and mixture.py are its Python fronts. The buffers are checked here again: a buffer of the wrong type,
  * size, alignment or layout raises ValueError or TypeError and never crashes.
@@ -27,17 +27,18 @@
 
 /* --- the search ---------------------------------------------------------------------------------------------------------- */
 
-enum { HARMONICS, RE, IM, WEIGHTS, STARTS, WORTH, POINTS, COST, MATRIX, CONVERGED, BUFFERS };
+enum { HARMONICS, RE, IM, WEIGHTS, STARTS, WORTH, POINTS, COST, MATRIX, CONVERGED, TABLES, OWN_RAD, OWN_ROTORS, BUFFERS };
 static const Wanted WANTED[BUFFERS] = {
     {"harmonics", INT64S, READ}, {"re", DOUBLES, READ}, {"im", DOUBLES, READ}, {"weights", DOUBLES, READ},
     {"starts", DOUBLES, READ}, {"worth", DOUBLES, READ}, {"points", DOUBLES, WRITE}, {"cost", DOUBLES, WRITE},
-    {"matrix", DOUBLES, WRITE}, {"converged", BOOLS, WRITE},
+    {"matrix", DOUBLES, WRITE}, {"converged", BOOLS, WRITE}, {"tables", FLOATS, MAY_BE_NONE}, {"own_rad", FLOATS, MAY_BE_NONE},
+    {"own_rotors", COMPLEX_DOUBLES, MAY_BE_NONE},
 };
 
 /* Return 1 if kind, paths, steps and harmonics are within the limits; otherwise set an error and return 0. */
 static int is_known(int kind, int paths, int most_steps, const Py_buffer *harmonics) {
     const Py_ssize_t rows = values_in(harmonics);
-    if (kind < WHITE || kind > WEIGHTED || paths < 1 || paths > MOST_PATHS || most_steps < 0 || rows < 1 ||
+    if (kind < WHITE || kind > RESPONSE || paths < 1 || paths > MOST_PATHS || most_steps < 0 || rows < 1 ||
         rows > MOST_ROWS) {
         PyErr_Format(PyExc_ValueError, "found kind %d, %d paths, %d steps and %zd harmonics", kind, paths, most_steps, rows);
         return 0;
@@ -62,10 +63,15 @@ static PyObject *solve_checked(const Level *level, const void *options, const Py
     Search search = *(const Search *)options;
     const int64_t count = values_in(&view[COST]), rows = values_in(&view[HARMONICS]);
     if (!is_known(search.kind, search.paths, search.most_steps, &view[HARMONICS]) || !are_few(count)) return NULL;
+    if ((search.kind == RESPONSE) != !!view[TABLES].obj || !view[OWN_RAD].obj != !view[OWN_ROTORS].obj ||
+        (view[OWN_RAD].obj && search.kind != RESPONSE)) {
+        PyErr_SetString(PyExc_ValueError, "tables: expected for a response alone; and own_rad and own_rotors together");
+        return NULL;
+    }
     const int64_t points = 3 * search.paths * count;
     const int64_t expected[BUFFERS] = {
         rows,  rows * count, rows * count, search.kind == WHITE ? rows : 3 * rows * count, points, count, points,
-        count, ENTRY(2 * search.paths, 0) * count, count};
+        count, ENTRY(2 * search.paths, 0) * count, count, 4 * ENTRIES * rows, rows * count, rows * count};
     if (!fit_call(WANTED, view, BUFFERS, expected)) return NULL;
     search.rows = (int)rows;
     search.count = count;
@@ -79,6 +85,9 @@ static PyObject *solve_checked(const Level *level, const void *options, const Py
     search.cost = view[COST].buf;
     search.matrix = view[MATRIX].buf;
     search.converged = view[CONVERGED].buf;
+    search.tables = view[TABLES].buf;
+    search.own_rad = view[OWN_RAD].buf;
+    search.own_rotors = view[OWN_ROTORS].buf;
     RETURN_AFTER(level->search(&search));
 }
 
@@ -155,7 +164,7 @@ static PyObject *scan_pixels(PyObject *module, PyObject *arguments) {
 static PyMethodDef METHODS[] = {
     {"solve", solve_problems, METH_VARARGS,
      "solve(level, kind, paths, most_steps, relative, first_damping, harmonics, re, im, weights, starts, worth, points, cost, "
-     "matrix, converged)\n\n"
+     "matrix, converged, tables, own_rad, own_rotors)\n\n"
      "Minimise every problem from its start. Everybody but the tests calls it through levenberg_marquardt.py."},
     {"scan", scan_pixels, METH_VARARGS,
      "scan(level, rows, places, pairs, factors, lags, re, im, first, lag, peak, other)\n\n"

@@ -82,10 +82,7 @@ def found_paths(measured: Measured, count: int, /, *, noise: NoiseModel) -> tupl
     points, cost = end.points, end.cost
     if count == 1:
         return Mixture.of_points(points), cost
-    pairs = len(measured.harmonics) - count
-    acceptable: Float | float = chi_squared_threshold(SUSPECT, pairs=pairs) if pairs else EXACT_MISFIT
-    if noise.samples is not None:
-        acceptable = acceptable / noise.samples
+    acceptable = acceptable_misfit(count, noise)
     if count > 2 and (suspect := np.flatnonzero(cost > acceptable)).size:
         exact = exact_start(measured[suspect], paths=count)
         if exact:
@@ -105,6 +102,13 @@ def found_paths(measured: Measured, count: int, /, *, noise: NoiseModel) -> tupl
             suspect = np.flatnonzero(cost > acceptable)
             _improve(white, _with_a_pair(white[suspect], share), suspect, points, cost, noise)
     return Mixture.of_points(points), cost
+
+
+def acceptable_misfit(count: int, noise: NoiseModel, /) -> Float | float:
+    """Return the misfit of `count` paths, a number or (n,), above which a minimum is suspected to be a local one."""
+    pairs = len(noise.each) - count
+    acceptable = chi_squared_threshold(SUSPECT, pairs=pairs) if pairs else EXACT_MISFIT
+    return acceptable if noise.samples is None else acceptable / noise.samples
 
 
 def _with_a_pair(white: WhiteFit, share: float) -> Mixture:
@@ -148,7 +152,7 @@ def most_likely(measured: Measured, found: Mixture, /, *, noise: NoiseModel) -> 
     best = POLISH.solve(weighted, found.points, samples=noise.samples)
     paths = Mixture.of_points(best.points)
     fall_off = _fall_off(measured, paths, noise) if len(paths.amplitude) == 1 else None
-    return LikelyPaths(paths, _sigma(paths, best.matrix), best.cost, best.converged, fall_off)
+    return LikelyPaths(paths, phase_sigmas(paths, best.matrix), best.cost, best.converged, fall_off)
 
 
 def _fall_off(measured: Measured, path: Mixture, noise: NoiseModel) -> Float:
@@ -168,10 +172,10 @@ def _fall_off(measured: Measured, path: Mixture, noise: NoiseModel) -> Float:
 def fisher_fit(measured: Measured, paths: Mixture, /, *, converged: Bool, noise: NoiseModel) -> LikelyPaths:
     """Return paths that another solver found, with standard deviations and misfit from the likelihood."""
     end = ON_THE_SPOT.solve(WeightedFit.around(measured, paths, noise=noise), paths.points)
-    return LikelyPaths(paths, _sigma(paths, end.matrix), end.cost, converged)
+    return LikelyPaths(paths, phase_sigmas(paths, end.matrix), end.cost, converged)
 
 
-def _sigma(paths: Mixture, matrix: Float) -> Float:
+def phase_sigmas(paths: Mixture, matrix: Float, /) -> Float:
     """Return the standard deviations of the phases, from the inverse of the Fisher information in (da, a·dx)."""
     count = len(paths.amplitude)
     variance = inverse_diagonal(cholesky(matrix, 2 * count), 2 * count)[count:]

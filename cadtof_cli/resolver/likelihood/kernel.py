@@ -4,7 +4,7 @@ from types import ModuleType
 
 from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel
 
-WHITE, WEIGHTED = range(2)
+WHITE, WEIGHTED, RESPONSE = range(3)
 """Kinds of problems, numbered as in `enum kind` of `_levenberg_marquardt.h`."""
 
 MOST_PATHS, MOST_ROWS, MOST_HARMONIC = 4, 8, 16

@@ -8,14 +8,15 @@ not converge. The caller passes a `Problem`. The loop drops problems that have s
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from types import ModuleType
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Bool, Float, Index, Int64
 from cadtof_cli.resolver.kernels import chosen_kernel, contiguous
 from cadtof_cli.resolver.likelihood.kernel import compiled_search
-from cadtof_cli.resolver.likelihood.mixture import WeightedFit, WhiteFit
+from cadtof_cli.resolver.likelihood.mixture import Measured
 from cadtof_cli.resolver.likelihood.normal_equations import Linearised, Triangle, cholesky, entry, solve
 
 SHRINK_BELOW = 0.75
@@ -36,6 +37,26 @@ class Problem(Protocol):
 
     def __getitem__(self, chosen: Index, /) -> Self:
         """Return the problems of the given indices."""
+
+
+class PathsProblem(Problem, Protocol):
+    """Paths of n pixels that are fitted to phasors: a problem that the compiled search knows, too."""
+
+    @property
+    def kind(self) -> int:
+        """The kind of the problem, numbered as in `kernel.py`."""
+
+    @property
+    def measured(self) -> Measured:
+        """The phasors."""
+
+    @property
+    def weights(self) -> tuple[float, ...] | Float:
+        """The weights, as in `WhiteFit` or `WeightedFit`."""
+
+    @property
+    def response_arrays(self) -> tuple[NDArray[Any] | None, ...]:
+        """Arrays that only a problem of the kind `RESPONSE` has."""
 
 
 @dataclass(frozen=True)
@@ -153,7 +174,7 @@ class Descent(ABC):
 class LevenbergMarquardt(Descent):
     """The method with damping in units of the matrix's diagonal."""
 
-    def solve(self, problem: WhiteFit | WeightedFit, starts: Float, /, *, samples: Float | None = None) -> Minimum:
+    def solve(self, problem: PathsProblem, starts: Float, /, *, samples: Float | None = None) -> Minimum:
         """Minimise every problem from its start, (P, n); the starts are not changed. NaN does not converge.
 
         `samples`, (n,): each problem is the mean of so many recordings, and the cost is in units of the noise of one
@@ -165,7 +186,7 @@ class LevenbergMarquardt(Descent):
         return Minimum(end.points, end.cost, end.matrix, end.converged)
 
     def _compiled_ends(
-        self, compiled: ModuleType, problem: WhiteFit | WeightedFit, starts: Float, samples: Float | None
+        self, compiled: ModuleType, problem: PathsProblem, starts: Float, samples: Float | None
     ) -> Minimum:
         measured, count, size = problem.measured, starts.shape[1], len(starts) // 3 * 2
         ends = Minimum(
@@ -188,6 +209,7 @@ class LevenbergMarquardt(Descent):
             ends.cost,
             ends.matrix,
             ends.converged,
+            *problem.response_arrays,
         )
         return ends
 

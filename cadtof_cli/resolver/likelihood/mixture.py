@@ -4,6 +4,7 @@ The step of a path has a part along its direction and a part across it, (da, a·
 a → 0. An amplitude that would fall below zero becomes positive half a turn away, so that a ≥ 0 needs no bounds.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
@@ -96,6 +97,7 @@ class WhiteFit:
     """The fit with the noise of ambient light alone, which has one weight per harmonic, equal in all directions."""
 
     kind: ClassVar[int] = WHITE
+    response_arrays: ClassVar[tuple[()]] = ()
 
     measured: Measured
     weights: tuple[float, ...]
@@ -137,6 +139,7 @@ class WeightedFit:
     """
 
     kind: ClassVar[int] = WEIGHTED
+    response_arrays: ClassVar[tuple[()]] = ()
 
     measured: Measured
     weights: Float
@@ -165,25 +168,37 @@ class WeightedFit:
     def linearised(self, points: Float, /) -> Linearised:
         """Return the normal equations with their weights."""
         paths = Mixture.of_points(points)
-        k, count = paths.amplitude.shape
-        matrix, gradient, cost = np.zeros((entry(2 * k, 0), count)), np.zeros((2 * k, count)), np.zeros(count)
-        rotors = powers((paths.cos, paths.sin), self.measured.harmonics)
-        for row, (h, (cos, sin)) in enumerate(zip(self.measured.harmonics, rotors, strict=True)):
-            re, im = self.measured.rest(row, paths.amplitude, (cos, sin))
-            a, b, d = self.weights[:, row]
-            slopes_re, slopes_im = np.concatenate((cos, -h * sin)), np.concatenate((sin, h * cos))
-            weighted_re, weighted_im = a * slopes_re + b * slopes_im, b * slopes_re + d * slopes_im
-            cost += (a * re + 2.0 * b * im) * re + d * im * im
-            gradient += weighted_re * re + weighted_im * im
-            for i in range(2 * k):
-                rows = slice(entry(i, 0), entry(i, i) + 1)
-                matrix[rows] += weighted_re[i] * slopes_re[: i + 1] + weighted_im[i] * slopes_im[: i + 1]
-        return Linearised(matrix, gradient, cost)
+        harmonics = self.measured.harmonics
+        rotors = zip(harmonics, powers((paths.cos, paths.sin), harmonics), strict=True)
+        answers = (((cos, sin), (-h * sin, h * cos)) for h, (cos, sin) in rotors)
+        return equations_of(self.measured, self.weights, paths.amplitude, answers)
 
     moved = staticmethod(moved_paths)
 
     def __getitem__(self, chosen: Index, /) -> Self:
         return type(self)(self.measured[chosen], self.weights[:, :, chosen])
+
+
+def equations_of(
+    measured: Measured, weights: Float, amplitude: Float, answers: Iterable[tuple[Rotor, Rotor]], /
+) -> Linearised:
+    """Return the normal equations of K paths with amplitudes (K, n), and weights as in `WeightedFit`.
+
+    `answers` are, for each harmonic, what a path of amplitude 1 gives and its derivative by the phase, (K, n) each part.
+    """
+    k, count = amplitude.shape
+    matrix, gradient, cost = np.zeros((entry(2 * k, 0), count)), np.zeros((2 * k, count)), np.zeros(count)
+    for row, (value, slope) in enumerate(answers):
+        re, im = measured.rest(row, amplitude, value)
+        a, b, d = weights[:, row]
+        slopes_re, slopes_im = map(np.concatenate, zip(value, slope, strict=True))
+        weighted_re, weighted_im = a * slopes_re + b * slopes_im, b * slopes_re + d * slopes_im
+        cost += (a * re + 2.0 * b * im) * re + d * im * im
+        gradient += weighted_re * re + weighted_im * im
+        for i in range(2 * k):
+            rows = slice(entry(i, 0), entry(i, i) + 1)
+            matrix[rows] += weighted_re[i] * slopes_re[: i + 1] + weighted_im[i] * slopes_im[: i + 1]
+    return Linearised(matrix, gradient, cost)
 
 
 def _summed(parts: Float) -> Float:

@@ -4,9 +4,8 @@
  * once; no column waits for another.
  */
 #include "../two_path/_kernel_group.h"
+#include "_table.h"
 
-#define ENTRIES (1 << 14) /* entries of a table per turn */
-#define FARTHEST 1e9f     /* entries from phase 0 beyond which a phase takes the entry of 0 */
 #define MOST_STEPS 1000
 
 /* Constants that all pixels share: number h of each harmonic, 2 pi / ENTRIES / h of each, ENTRIES / 2 pi, 1 / variance
@@ -49,7 +48,7 @@ INLINE void look_up(Side *restrict to, int path, const float *restrict theta, co
     EACH_PIXEL {
         const float all = theta[i] * per_step, nearest = rintf(all);
         place[i] = (all - nearest) * back;
-        index[i] = (fabsf(nearest) < FARTHEST ? (int32_t)nearest : 0) & (ENTRIES - 1);
+        index[i] = entry_at(nearest);
     }
     float *restrict re = to->re[path], *restrict im = to->im[path];
     float *restrict slope_re = to->slope_re[path], *restrict slope_im = to->slope_im[path];

@@ -7,13 +7,12 @@
 #include <stdint.h>
 #include <string.h>
 
+#include "_arcsine.h"
+
 #ifndef GROUP
 #define GROUP 32
 #endif
 #define EACH_PIXEL for (int i = 0; i < GROUP; i++)
-
-#define PI 3.141592653589793
-#define FULL_TURN 6.283185307179586
 
 /* One value per pixel of a group. */
 typedef double Row[GROUP];

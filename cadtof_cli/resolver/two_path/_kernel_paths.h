@@ -21,33 +21,6 @@ INLINE double inverse_root(double x) { return nearer_inverse_root(x, rough_inver
 
 INLINE double inverse_root_or_none(double x) { return x < DBL_MIN ? 0.0 : inverse_root(x); }
 
-/* arcsine.py: phase_of, for sines that are not negative */
-INLINE double phase_above(double cos, double y) {
-    double x = fabs(cos);
-    double low = y > x ? x : y, high = y > x ? y : x;
-    int far = low > 0.25881904510252074;
-    double sine = far ? low * 0.8660254037844386 - high * 0.5 : low;
-    double z = sine * sine, series = 0.01456748213483585;
-    series = series * z + 0.013621509253689112;
-    series = series * z + 0.017372651805504305;
-    series = series * z + 0.022371526870346412;
-    series = series * z + 0.03038195530554957;
-    series = series * z + 0.04464285705150488;
-    series = series * z + 0.07500000000029207;
-    series = series * z + 0.16666666666666652;
-    double phase = sine + sine * z * series;
-    phase = far ? phase + PI / 6.0 : phase;
-    phase = y > x ? 0.5 * PI - phase : phase;
-    return cos < 0.0 ? PI - phase : phase;
-}
-
-/* arcsine.py: phase_of */
-INLINE double phase_of(double cos, double sin) {
-    double phase = phase_above(cos, fabs(sin));
-    phase = sin < 0.0 ? FULL_TURN - phase : phase;
-    return phase >= FULL_TURN ? 0.0 : phase;
-}
-
 /* closed_form.py: fundamental_frame, and |d|^2 */
 typedef struct {
     double u, pr, pi, cos, sin, d2;

@@ -7,10 +7,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.calibration.apply import tabulated_responses
 from cadtof_cli.capture.metadata import CaptureMetadata, Pulse
 from cadtof_cli.errors import SettingsError, require
 from cadtof_cli.maps.depth import beyond_light
 from cadtof_cli.phasors.noise import noise_model
+from cadtof_cli.phasors.response import ideal_response
 from cadtof_cli.phasors.voltages import ideal_phasor_map, phasors_from_stored
 from cadtof_cli.records import setting
 from cadtof_cli.resolver.paper.solver import steps_of_starts
@@ -72,10 +74,15 @@ class Trials:
         require(self.seed >= 0, "seed", self.seed, "0 or more")
         self.condition.mix(self.period_ns)
         # raises an error if no solver fits
-        self.resolver.solver_module(self.model.modulation.harmonics, sine=True)
+        self.resolver.solver_module(self.model.modulation.harmonics, sine=self.sine)
         if self.model.dead_time_ns > 0 and not self.photon_by_photon:
             why = "it has an effect only on single photons"
             raise SettingsError(f"dead time: found without --photons, expected both: {why}")
+
+    @property
+    def sine(self) -> bool:
+        """Whether the runs are resolved as those of a sine. The paper's equation takes all waveforms for sines."""
+        return self.model.modulation.waveform == "sine" or self.resolver.solver == "lm"
 
     @property
     def period_ns(self) -> float:
@@ -145,19 +152,26 @@ def block_voltages(trials: Trials, runs: range, /) -> Float:
 
 
 def resolved(trials: Trials, voltages_v: Float, /, *, first: int = 0) -> Recordings:
-    """Resolve the voltages of runs, (runs, H, 2), from number `first` on, as those of a sine, whatever the waveform is."""
+    """Resolve the voltages of runs, (runs, H, 2), from number `first` on."""
     model, settings = trials.model, replace(trials.resolver, seed=trials.seed)
     metadata = CaptureMetadata(
-        modulation=replace(model.modulation, waveform="sine"),
+        modulation=replace(model.modulation, waveform="sine" if trials.sine else model.modulation.waveform),
         pulse=Pulse(fwhm_ns=trials.condition.fwhm_ns if trials.pulse_correction else 0.0),
     )
     stored = np.moveaxis(voltages_v, 0, -1)
     phasors = phasors_from_stored(stored, ideal_phasor_map(metadata, stored.dtype))
     noise = noise_model(metadata, integration_length=seen_length(model), quantised=False)
+    response = tabulated_responses(ideal_response(metadata), None)
     found = resolve_paths(
-        phasors, status=np.zeros(len(voltages_v), np.uint32), settings=settings, noise=noise, first=first
+        phasors,
+        status=np.zeros(len(voltages_v), np.uint32),
+        settings=settings,
+        noise=noise,
+        response=response,
+        first=first,
     )
-    impossible = beyond_light(found.paths.amplitude, found.confidence, noise=noise)
+    longest = response.longest if response else 1.0
+    impossible = beyond_light(found.paths.amplitude, found.confidence, noise=noise, longest=longest)
     times = np.where(impossible, np.nan, found.paths.phase_rad / (2.0 * math.pi) * trials.period_ns)
     return Recordings(voltages_v, times, impossible, _steps(phasors, settings, model.modulation.harmonics, first))
 

@@ -1,0 +1,167 @@
+"""Paths from other harmonics than 1 and 2, for channel pairs whose response is no pure sine: maximum likelihood.
+
+Two paths have as many unknowns as two harmonics give equations, and `two_paths.py` solves these. More harmonics give more
+equations. The search here minimises their misfit, as `likelihood/` does for a sine, with the answers f_h of the response
+and their derivatives in place of exp(ihx).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index
+from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.phasors.rotors import Rotor
+from cadtof_cli.resolver.kernels import contiguous
+from cadtof_cli.resolver.likelihood.k_paths import POLISH, SEARCH, LikelyPaths, acceptable_misfit, phase_sigmas
+from cadtof_cli.resolver.likelihood.k_paths import found_paths as paths_of_sine
+from cadtof_cli.resolver.likelihood.kernel import RESPONSE
+from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, equations_of, moved_paths
+from cadtof_cli.resolver.likelihood.normal_equations import Linearised
+from cadtof_cli.resolver.likelihood.solver import SURELY_MORE
+from cadtof_cli.resolver.likelihood.starts import exact_start, strongest_path
+from cadtof_cli.resolver.paths import Fit, Paths
+from cadtof_cli.resolver.response.as_sine import phasors_of_sine
+from cadtof_cli.resolver.response.table import ResponseBlock
+from cadtof_cli.resolver.two_path.arcsine import phase_of
+
+
+class ResponseLikelihood:
+    """Maximum likelihood with the full response as a solver for a block of phasors, complex128 (N, n)."""
+
+    def __init__(self, phasors: Complex, /, *, noise: NoiseModel, response: ResponseBlock, **_others: object) -> None:
+        self._recorded = Recorded(phasors, noise, response)
+        measured = self._recorded.measured
+        self.powers = [re * re + im * im for re, im in zip(measured.re, measured.im, strict=True)]
+        self.modulus = np.sqrt(self.powers[0])
+
+    def fit(self, count: int, pixels: Bool, /, *, limit: Float | float | None) -> tuple[Index, Fit]:
+        """Fit any number of paths (see `Solver`)."""
+        chosen: Index = np.flatnonzero(pixels)
+        found, misfit = found_paths(self._recorded[chosen], count)
+        if limit is not None:
+            maybe = np.flatnonzero(misfit <= SURELY_MORE * np.broadcast_to(limit, pixels.shape)[chosen])
+            chosen, found = chosen[maybe], found[maybe]
+        return chosen, most_likely(self._recorded[chosen], found).fit()
+
+
+solver = ResponseLikelihood
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """Phasors of n pixels, complex128 (N, n), with their noise and response."""
+
+    phasors: Complex
+    noise: NoiseModel
+    response: ResponseBlock
+
+    def __getitem__(self, chosen: Index, /) -> "Recorded":
+        return Recorded(self.phasors[:, chosen], self.noise[chosen], self.response.block(chosen))
+
+    @property
+    def measured(self) -> Measured:
+        """The phasors as the search needs them."""
+        return Measured.of_phasors(self.phasors, harmonics=self.noise.harmonics)
+
+    def as_sine(self, paths: Mixture, /) -> Measured:
+        """Return the phasors without the terms beyond a sine that light on these paths gives."""
+        light = Paths(paths.amplitude, phase_of(paths.cos, paths.sin), np.zeros_like(paths.amplitude))
+        sine = phasors_of_sine(self.phasors, light, response=self.response)
+        return Measured.of_phasors(sine, harmonics=self.noise.harmonics)
+
+    def searched(self, starts: Mixture, /) -> tuple[Mixture, Float]:
+        """Return where a search with white noise ends, and the misfit there, (n,)."""
+        weights = np.zeros((3, *self.phasors.shape))
+        for row, one in enumerate(self.noise.each):
+            weights[::2, row] = 1.0 / one.dark_variance
+        problem = ResponseFit(self.measured, weights, self.response)
+        end = SEARCH.solve(problem, starts.points, samples=self.noise.samples)
+        return Mixture.of_points(end.points), end.cost
+
+
+def found_paths(recorded: Recorded, count: int, /) -> tuple[Mixture, Float]:
+    """Return the `count` paths that fit best with white noise, and their misfit, (n,).
+
+    One path starts from the best delay of a grid. For more paths, the phasors are freed of the terms beyond a sine, as if
+    the light came on one path fewer, and the search starts from the paths that a sine would give then. Where the misfit is
+    one that noise seldom has, it starts again, in phasors freed of the terms of the paths just found.
+    """
+    noise = recorded.noise
+    if count == 1:
+        weights = [1.0 / one.dark_variance for one in noise.each]
+        return recorded.searched(strongest_path(recorded.measured, weights=weights))
+    fewer, _ = found_paths(recorded, count - 1)
+    sine = recorded.as_sine(fewer)
+    found, misfit = recorded.searched(exact_start(sine, paths=count) or paths_of_sine(sine, count, noise=noise)[0])
+    suspect = np.flatnonzero(misfit > acceptable_misfit(count, noise))
+    if suspect.size:
+        some, points = recorded[suspect], found.points
+        start, _ = paths_of_sine(some.as_sine(found[suspect]), count, noise=some.noise)
+        again, lower = some.searched(start)
+        better = lower < misfit[suspect]
+        points[:, suspect[better]], misfit[suspect[better]] = again.points[:, better], lower[better]
+        found = Mixture.of_points(points)
+    return found, misfit
+
+
+def most_likely(recorded: Recorded, found: Mixture, /) -> LikelyPaths:
+    """Return the maximum of the likelihood next to the paths `found`, with the noise of the light of these paths."""
+    measured, noise = recorded.measured, recorded.noise
+    problem = ResponseFit(measured, WeightedFit.around(measured, found, noise=noise).weights, recorded.response)
+    best = POLISH.solve(problem, found.points, samples=noise.samples)
+    paths = Mixture.of_points(best.points)
+    fall_off = problem.fall_off(paths, noise=noise) if len(paths.amplitude) == 1 else None
+    return LikelyPaths(paths, phase_sigmas(paths, best.matrix), best.cost, best.converged, fall_off)
+
+
+@dataclass(frozen=True)
+class ResponseFit:
+    """The fit of paths with the full response, a `Problem` of the search; `weights` are those of `WeightedFit`."""
+
+    kind: ClassVar[int] = RESPONSE
+
+    measured: Measured
+    weights: Float
+    response: ResponseBlock
+
+    def linearised(self, points: Float, /) -> Linearised:
+        """Return the normal equations."""
+        paths = Mixture.of_points(points)
+        return equations_of(self.measured, self.weights, paths.amplitude, self._answers(paths))
+
+    moved = staticmethod(moved_paths)
+
+    def __getitem__(self, chosen: Index, /) -> Self:
+        return type(self)(self.measured[chosen], self.weights[:, :, chosen], self.response.block(chosen))
+
+    @property
+    def response_arrays(self) -> tuple[NDArray[Any] | None, ...]:
+        """The tables, (N, ENTRIES, 4), and the own phases of the pixels and their rotors, (N, n) each, if they have any."""
+        tables = np.stack([table.entries for table in self.response.stages[-1]])
+        return tables, *contiguous(self.response.phase_rad, self.response.rotors)
+
+    def fall_off(self, path: Mixture, /, *, noise: NoiseModel) -> Float:
+        """Return z·|z|, (n,): z is how much the phasors fall off with h² along one path, in standard deviations of the noise."""
+        (amplitude,), strengths, weights = path.amplitude, [], []
+        for row, (((re,), (im,)), _slope) in enumerate(self._answers(path)):
+            power = re * re + im * im
+            strengths.append((self.measured.re[row] * re + self.measured.im[row] * im) / power)
+            weights.append(power / noise.each[row].one_path_variances(amplitude)[0])
+        squares = [float(h * h) for h in self.measured.harmonics]
+        mean = sum(w * h2 for w, h2 in zip(weights, squares, strict=True)) / sum(weights)
+        score, variance = np.zeros_like(amplitude), np.zeros_like(amplitude)
+        for strength, weight, square in zip(strengths, weights, squares, strict=True):
+            score += weight * (mean - square) * strength
+            variance += weight * (mean - square) ** 2
+        return np.asarray(score * np.abs(score) / variance)
+
+    def _answers(self, paths: Mixture) -> Iterator[tuple[Rotor, Rotor]]:
+        """Yield what a path of amplitude 1 gives at each harmonic, and its derivative by the phase, (K, n) each part."""
+        phase: Float32 = phase_of(paths.cos, paths.sin).astype(np.float32)
+        for row in range(len(self.measured.harmonics)):
+            f = self.response.at(row, phase)
+            yield self.response.turned_back(row, f.re, f.im), self.response.turned_back(row, f.slope_re, f.slope_im)
