@@ -26,7 +26,7 @@ def pytest_configure(config: pytest.Config) -> None:
     In the background, shells and `nohup` make programs ignore signals.
     """
     for name in tuple(os.environ):
-        if name in {"CADTOF_KERNEL", "COLUMNS", "LINES", "PYTHONWARNINGS"} or name.startswith("DASK_"):
+        if name in {"CADTOF_KERNEL", "CDPATH", "COLUMNS", "LINES", "PYTHONWARNINGS"} or name.startswith("DASK_"):
             del os.environ[name]
     if "MPLCONFIGDIR" not in os.environ and not os.access(f"{os.environ.get('HOME')}/.", os.W_OK):
         # without a home, matplotlib would say so on stderr, and list the fonts again in every process
