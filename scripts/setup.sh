@@ -2,6 +2,11 @@
 # puts it on PATH. A second call costs nothing, because a stamp says what is installed. The versions are those of
 # constraints.txt; with CADTOF_CONSTRAINTS=none, they are the newest that pyproject.toml allows.
 
+# a user's settings of Python, of `cd` and of where pip installs: other packages would be found, `cd` would print, asserts would
+# not be run, output would not be buffered as users have it, or nothing would be installed into .venv
+unset "${!PYTHON@}" CDPATH
+export PIP_USER=0
+
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 venv="$root/.venv"
 
@@ -55,6 +60,8 @@ setup() {
     [ "${CADTOF_CONSTRAINTS:-}" != none ] || constraints=()
     wanted=$(find "$root/cadtof_cli" -name '*.[ch]' -print0 | sort -z |
         xargs -0 cat "$root/pyproject.toml" "$root/constraints.txt" "$root/setup.py" | cksum)${constraints[0]:-}
+    # after a checkout was moved or copied, commands of its environment would run the Python and the code of the old place
+    [ "$(cat "$venv/made_for" 2>/dev/null || echo "$root")" = "$root" ] || rm -rf "$venv"
     if [ "$(cat "$stamp" 2>/dev/null)" = "$wanted" ] && "$venv/bin/python" -c 'import cadtof_cli' 2>/dev/null; then
         PATH="$venv/bin:$PATH"
         return
@@ -75,5 +82,6 @@ setup() {
             fail "pip could not install cadtof; is a package index reachable?"
     fi
     echo "$wanted" >"$stamp"
+    echo "$root" >"$venv/made_for"
     PATH="$venv/bin:$PATH"
 }

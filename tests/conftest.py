@@ -1,8 +1,10 @@
 """Tests run as in the foreground, and with programs of other makers if they are installed."""
 
 import os
+import shutil
 import signal
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,13 +20,18 @@ Tool = Callable[..., str]
 ROOT = Path(__file__).parents[1]
 
 
-def pytest_configure() -> None:
-    """Undo what a user has set for a terminal and for warnings of other packages, and let programs that tests start be stopped.
+def pytest_configure(config: pytest.Config) -> None:
+    """Undo what a user has set for kernels, terminals, dask and warnings, and let programs that tests start be stopped.
 
     In the background, shells and `nohup` make programs ignore signals.
     """
-    for name in ("COLUMNS", "LINES", "PYTHONWARNINGS"):
-        os.environ.pop(name, None)
+    for name in tuple(os.environ):
+        if name in {"CADTOF_KERNEL", "CDPATH", "COLUMNS", "LINES", "PYTHONWARNINGS"} or name.startswith("DASK_"):
+            del os.environ[name]
+    if "MPLCONFIGDIR" not in os.environ and not os.access(f"{os.environ.get('HOME')}/.", os.W_OK):
+        # without a home, matplotlib would say so on stderr, and list the fonts again in every process
+        os.environ["MPLCONFIGDIR"] = folder = tempfile.mkdtemp()
+        config.add_cleanup(lambda: shutil.rmtree(folder))
     for name, handler in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SIG_DFL)):
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) == signal.SIG_IGN:

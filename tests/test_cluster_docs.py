@@ -12,16 +12,15 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import pytest
 import yaml
 
 from tests.support.captures import record
-from tests.support.cluster import require_dask
+from tests.support.cluster import NO_SETTINGS, require_dask
 from tests.support.run_cadtof import ENVIRONMENT, ROOT
 
 PLACE = ROOT / "docs" / "cluster"
 
-WITH_TOOLS = {**ENVIRONMENT, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+WITH_TOOLS = {**ENVIRONMENT, **NO_SETTINGS, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
 
 
 def _free_port() -> int:
@@ -54,15 +53,9 @@ kill -- -$(cat "$JOBS"/job.*)
 """
 
 
-def require_jobqueue() -> None:
-    require_dask()
-    if not os.environ.get("CI"):
-        pytest.importorskip("dask_jobqueue")
-
-
 def test_a_run_on_slurm_gets_workers(tmp_path: Path) -> None:
     """The run waits for a worker before it has work for one, so jobs must be asked for in any case."""
-    require_jobqueue()
+    require_dask("dask_jobqueue")
     capture = record(tmp_path / "room", frames=3)
     tools, jobs = tmp_path / "bin", tmp_path / "jobs"
     tools.mkdir()
@@ -87,10 +80,10 @@ def test_a_run_on_slurm_gets_workers(tmp_path: Path) -> None:
 
 
 def test_the_job_for_slurm(tmp_path: Path) -> None:
-    require_jobqueue()
+    require_dask("dask_jobqueue")
     # an environment below a folder whose name has a space
     (tmp_path / "my env").symlink_to(sys.prefix)
-    python = str(tmp_path / "my env" / Path(sys.executable).relative_to(sys.prefix))
+    python = str(tmp_path / "my env" / os.path.relpath(sys.executable, sys.prefix))
     command = [
         python,
         str(PLACE / "slurm.py"),
@@ -105,7 +98,7 @@ def test_the_job_for_slurm(tmp_path: Path) -> None:
         "01:00:00",
     ]
     done = subprocess.run(
-        command, env=ENVIRONMENT, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+        command, env=ENVIRONMENT | NO_SETTINGS, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
     )
     assert done.returncode == 0, done.stderr
     options = dict(re.findall(r"(?m)^#SBATCH (-\w|--[\w-]+)[ =](.+)$", done.stdout))
@@ -145,7 +138,7 @@ def test_the_objects_for_kubernetes() -> None:
     for part, options in ((scheduler, {"--host"}), (worker, {"--name", "--nthreads", "--no-dashboard"})):
         program, *more = part["args"][:2]
         command = [Path(sys.executable).with_name(program), *more, "--help"]
-        done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=60, check=False)
+        done = subprocess.run(command, env=WITH_TOOLS, capture_output=True, text=True, timeout=60, check=False)
         assert done.returncode == 0, done.stderr
         assert all(option in done.stdout for option in options)
 

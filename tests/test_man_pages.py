@@ -1,6 +1,7 @@
 """Every command has a man page, made from its help; roff reads it without a warning, and the wheel has all pages."""
 
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -101,8 +102,14 @@ def test_roff_has_no_complaint(pages: dict[str, str]) -> None:
 def test_an_installation_gets_the_man_pages(tmp_path: Path) -> None:
     needed_module("setuptools")
     needed_module("click_man")
+    # setup.py writes the pages beside itself before it installs them, and the checkout may be read-only
+    shutil.copy(ROOT / "setup.py", tmp_path)
+    for name in ("pyproject.toml", "README.md", "LICENSE", "cadtof_cli", "scripts"):
+        (tmp_path / name).symlink_to(ROOT / name)
     command = [sys.executable, "setup.py", "-q", "install_data", "--install-dir", str(tmp_path)]
-    done = subprocess.run(command, cwd=ROOT, env=ENVIRONMENT, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(
+        command, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, timeout=120, check=False
+    )
     assert done.returncode == 0, done.stderr
     installed = {file.name for file in (tmp_path / "share" / "man" / "man1").iterdir()}
     assert installed == {"cadtof.1", *(f"cadtof-{words.replace(' ', '-')}.1" for words in COMMANDS)}

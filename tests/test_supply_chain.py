@@ -1,6 +1,8 @@
 """All that CI runs is pinned, writes nothing, and fits the ranges of pyproject.toml; the source archive is complete."""
 
+import os
 import re
+import shutil
 import subprocess
 import tomllib
 from collections.abc import Iterator
@@ -117,13 +119,45 @@ def test_the_scripts_install_what_is_pinned() -> None:
     ).keys()
 
 
+_UV = """#!/bin/sh
+echo "$1" >> calls
+[ "$1" != venv ] || { mkdir -p .venv/bin; echo '#!/bin/sh' > .venv/bin/python; chmod +x .venv/bin/python; }
+"""
+"""A stand-in for uv, which installs nothing."""
+
+
+def test_a_checkout_that_was_moved_gets_an_environment_of_its_own(tmp_path: Path) -> None:
+    """Commands of the old one would run the Python and the code of the old place, if there still is one."""
+    first, moved = tmp_path / "first", tmp_path / "moved"
+    for name in ("cadtof_cli/a.c", "pyproject.toml", "constraints.txt", "setup.py", "scripts/setup.sh", "bin/uv"):
+        (first / name).parent.mkdir(parents=True, exist_ok=True)
+        (first / name).touch()
+    (first / "bin" / "uv").write_text(_UV)
+    (first / "bin" / "uv").chmod(0o755)
+    shutil.copyfile(ROOT / "scripts" / "setup.sh", first / "scripts" / "setup.sh")
+    # settings of a user, too, that would change what `cd` prints and what Python imports
+    settings = {"CDPATH": ".", "PYTHONPATH": "/nowhere", "PYTHONOPTIMIZE": "2"}
+    script = (
+        'PATH=$PWD/bin:$PATH; . scripts/setup.sh; setup ""; echo "$root ${PYTHONPATH-} ${PYTHONOPTIMIZE-}" >> calls'
+    )
+    for place in (first, first, moved, moved):
+        if place == moved and first.exists():
+            first.rename(moved)
+        words = [needed_program("bash"), "-euc", script]
+        subprocess.run(words, cwd=place, env={**os.environ, **settings, "CC": "cc"}, check=True)
+    once = ["--version", "venv", "pip"]
+    expected = [*once, f"{first}  ", f"{first}  ", *once, f"{moved}  ", f"{moved}  "]
+    assert (moved / "calls").read_text().splitlines() == expected
+
+
 def test_the_source_archive_holds_all_that_scripts_and_tests_need() -> None:
     """It holds scripts, whose setup needs constraints.txt, and tests, which compare the docs with the code."""
     if not (ROOT / ".git").exists():
         miss("this is no checkout of git")
-    # the checkout may belong to another user
+    # the checkout may belong to another user, and in a hook of git, variables name another one
     command = [needed_program("git"), "-c", "safe.directory=*", "ls-files"]
-    listed = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
+    listed = subprocess.run(command, cwd=ROOT, env=environment, check=True, capture_output=True, text=True).stdout
     tracked = {name.partition("/")[0] for name in listed.splitlines()}
     lines = map(str.split, (ROOT / "MANIFEST.in").read_text(encoding="utf-8").splitlines())
     named = {name for kind, *names in lines if kind in {"graft", "include"} for name in names}

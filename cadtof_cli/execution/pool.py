@@ -188,19 +188,29 @@ class _Pool(Generic[Task, Result]):
         ours, theirs = self._context.Pipe()
         taken = {worker.core for worker in self._workers}
         core = next((core for core in self._cores if core not in taken), None)
-        arguments = (self._function, self._messages, theirs, ours, self._listening, self._held, core)
+        forked = self._context.get_start_method() == "fork"
+        messages = self._messages if forked else None
+        arguments = (self._function, messages, theirs, ours, self._listening, self._held, core)
         process = self._context.Process(target=serve, args=arguments, daemon=True)
         try:
             with current_folder_left_out(), signals_held_back(self._context.get_start_method()):
                 process.start()
         except (OSError, EOFError) as error:
             # EOFError: the fork server has ended
-            why = error.strerror if isinstance(error, OSError) else error
+            why = (isinstance(error, OSError) and error.strerror) or error
             too_many_files = isinstance(error, OSError) and error.errno in {errno.EMFILE, errno.ENFILE}
             cure = "allow more open files (ulimit -n)" if too_many_files else "try fewer --jobs"
+            if "AF_UNIX" in str(why):
+                # the fork server has a socket in the temporary folder
+                cure = "set TMPDIR to a folder with a shorter path"
             raise WorkersError(f"no worker process can be started ({why}): {cure}") from error
         finally:
             theirs.close()
+        if not forked:
+            # among the arguments, they could fill a pipe of which this process holds both ends until the worker has read it: if
+            # the worker died at once, the wait would never end
+            with suppress(OSError):
+                ours.send_bytes(pickle.dumps(self._messages, pickle.HIGHEST_PROTOCOL))
         worker = _Worker[Task, Result](process, ours, core)
         self._workers.append(worker)
         self._incoming.add(ours, worker)

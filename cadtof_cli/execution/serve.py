@@ -53,7 +53,7 @@ class _Answers:
 
 def serve(
     function: Work[Any, Any],
-    messages: TaskMessages,
+    messages: TaskMessages | None,
     connection: Connection,
     parent_end: Connection,
     listening: Connection,
@@ -62,15 +62,17 @@ def serve(
 ) -> None:
     """Answer one task after the other with `function`, until there are no more.
 
-    `parent_end` is the other end of the connection, of which a forked worker has a copy; see `begin_worker` for the last three.
+    `messages` come first on the connection if they are None here. `parent_end` is the other end of the connection, of which a
+    forked worker has a copy; see `begin_worker` for the last three.
     """
     begin_worker(listening, held, core)
     parent_end.close()
     answers = _Answers(connection)
     with finishing(answers.tell_all) as finisher:
         try:
+            known: TaskMessages = messages or pickle.loads(connection.recv_bytes())
             while (message := connection.recv_bytes()) != NO_MORE:
-                answers.add(finisher.attempt(lambda message: function(messages.task(message)), message))
+                answers.add(finisher.attempt(lambda message: function(known.task(message)), message))
         except (OSError, EOFError):
             # the parent has ended, and nobody is there to read a traceback
             os._exit(1)

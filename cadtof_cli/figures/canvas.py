@@ -40,14 +40,20 @@ def drawable(text: str, /) -> str:
 
 def within(text: str, inches: float, /, *, size: float) -> str:
     """Return a drawable text that is at most `inches` wide at font size `size`; if needed, its middle is left out."""
-    text = drawable(text)
+    shown = text = drawable(text)
+    # the letters that are left may be wider than the others
+    while shown.strip() and len(shown) > 3 and (wide := _inches(shown, size, enough=inches)) > inches:
+        shown = shortened(text, min(int(len(shown) * inches / wide), len(shown) - 1))
+    return shown
+
+
+def _inches(text: str, size: float, *, enough: float) -> float:
+    """Return the width of a text in inches, or a bound of it if the bound is `enough` or less."""
     # `$` is replaced, so that the width is that of letters and not of mathematics
     path = TextPath((0, 0), text.replace("$", "S"), size=size)
     # most texts fit; no curve reaches beyond its control points, and these are known without its extrema
-    if not text.strip() or np.ptp(path.vertices[:, 0]) <= 72 * inches:
-        return text
-    wide = path.get_extents().width / 72
-    return text if wide <= inches else shortened(text, int(len(text) * inches / wide))
+    most = float(np.ptp(path.vertices[:, 0])) / 72
+    return most if most <= enough else float(path.get_extents().width) / 72
 
 
 def add_title(figure: Figure, title: str, /, *, below: float, size: float = 11) -> None:

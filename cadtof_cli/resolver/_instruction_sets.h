@@ -1,5 +1,16 @@
 /* Each function is compiled once per instruction set of a kind of processor; here is the list of the sets, and which of
- * them this processor has. */
+ * them this processor has. Flags with which the functions would have other bits than numpy are refused. */
+#include <float.h>
+
+#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__) || \
+    defined(__NO_SIGNED_ZEROS__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)
+#error "compiled code and its numpy reference give the same bits only without -ffast-math and its parts"
+#endif
+#if !defined(FLT_EVAL_METHOD) || FLT_EVAL_METHOD != 0
+#error "compiled code needs arithmetic that rounds every operation to its own type"
+#endif
+_Static_assert(0.1 != 0.1f, "compiled code needs constants of their own type: not -fsingle-precision-constant");
+
 #if defined(__GNUC__) || defined(__clang__)
 #define KERNEL_INLINE __attribute__((always_inline))
 #define FETCH(place) __builtin_prefetch(place)

@@ -68,7 +68,7 @@ def test_a_dry_run_lists_the_paths_that_arrive_late(tmp_path: Path) -> None:
 def test_a_frame_that_would_replace_another_takes_no_other_frame_with_it(tmp_path: Path) -> None:
     capture = record(tmp_path / "cam", frames=3)
     (tmp_path / "cam" / "frame_0.tiff").write_bytes(capture.files[1].read_bytes())
-    later = f"printf 'cam/frame_0.tiff\\ncam/frame_2.tif\\n{capture.files[0]}\\n'"
+    later = f"printf '%s\\n' cam/frame_0.tiff cam/frame_2.tif '{capture.files[0]}'"
     done = shell(f"{{ echo cam/frame_0.tif; {UNTIL_RECORDED} {later}; }} | {WATCH}", tmp_path)
     assert done.status == 1
     assert "cam/frame_0.tiff would be written as live/frame_0, as" in done.err

@@ -20,7 +20,7 @@ import pytest
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.cluster import connection
 from tests.support.captures import TOML, write_frame
-from tests.support.cluster import LocalCluster, local_cluster, require_dask
+from tests.support.cluster import NO_SETTINGS, LocalCluster, local_cluster, require_dask
 from tests.support.forward import step_frame
 from tests.support.run_cadtof import ENVIRONMENT, ROOT, Finished
 from tests.support.runs import lines_of, maps_of, run_of
@@ -92,7 +92,13 @@ def command(*arguments: object) -> list[str]:
 
 def run(*arguments: object, cwd: Path) -> Finished:
     done = subprocess.run(
-        command(*arguments), cwd=cwd, env=ENVIRONMENT, capture_output=True, text=True, timeout=120, check=False
+        command(*arguments),
+        cwd=cwd,
+        env=ENVIRONMENT | NO_SETTINGS,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
     )
     return Finished(done.returncode, done.stdout, done.stderr)
 
@@ -103,7 +109,7 @@ def running(*arguments: object, cwd: Path) -> Iterator["subprocess.Popen[str]"]:
     process = subprocess.Popen(
         command(*arguments, "--json"),
         cwd=cwd,
-        env=ENVIRONMENT,
+        env=ENVIRONMENT | NO_SETTINGS,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

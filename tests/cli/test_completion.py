@@ -99,6 +99,8 @@ def test_a_completion_script_that_cannot_be_written_is_reported(
 @pytest.mark.parametrize(("typed", "completed"), [("cadtof res", "resolve"), ("cadtof resolve --recu", "--recursive")])
 def test_fish_completes_commands_and_options(typed: str, completed: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("XDG_CONFIG_HOME", raising=False)
+    # fish finds no program below a folder whose letters the locale lacks
+    monkeypatch.setenv("LC_ALL", "C.UTF-8")
     script = f"{_line('fish')}; complete -C '{typed}'"
     done = subprocess.run(
         [needed_program("fish"), "-c", script], capture_output=True, text=True, timeout=60, check=True

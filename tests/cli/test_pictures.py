@@ -14,12 +14,14 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.textpath import TextPath
 from matplotlib.transforms import BboxBase
 
 from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.petzval import PetzvalCalibration, WallFit
 from cadtof_cli.calibration.store import save_part
 from cadtof_cli.capture.metadata import CaptureMetadata, Optics
+from cadtof_cli.figures.canvas import within
 from cadtof_cli.figures.petzval import draw_petzval
 from cadtof_cli.figures.pixel_classes import PixelClass
 from cadtof_cli.figures.profile import draw_profile
@@ -92,6 +94,12 @@ FOLDERS = {"usual", "wide", "tall", "usual capture", "truth.exr", "calibration"}
 
 def _typed(place: Path, command: str) -> list[object]:
     return [place / str(word) if word in FOLDERS else word for word in COMMANDS[command]]
+
+
+def test_a_title_is_whole_whatever_letters_are_left_of_it() -> None:
+    """Such as a folder with a long name of narrow letters: its middle is left out, and wide letters stay."""
+    shown = within(40 * "W" + 200 * "i" + 40 * "W", 5.0, size=11)
+    assert 4.5 < TextPath((0, 0), shown, size=11).get_extents().width / 72 <= 5.0
 
 
 @pytest.mark.parametrize("command", COMMANDS)

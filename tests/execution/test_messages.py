@@ -1,6 +1,8 @@
 """Messages between processes arrive as they were sent, without objects that both sides share, and none is missed."""
 
+import os
 import pickle
+import subprocess
 import sys
 from dataclasses import dataclass
 from multiprocessing import Pipe
@@ -12,12 +14,14 @@ from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import FrameSource
 from cadtof_cli.execution.messages import Incoming, TaskMessages
 from cadtof_cli.execution.ordered import run_ordered
+from cadtof_cli.execution.outcome import Work
 from cadtof_cli.execution.workers import START_METHODS, StartMethod, Workers
 from cadtof_cli.pipeline.plan import FramePlan
 from cadtof_cli.workflows.recording import FrameReader
 from cadtof_cli.workflows.resolve.frame_task import FrameTask
 from cadtof_cli.workflows.resolve.reports import FrameReport
 from tests.support.captures import record
+from tests.support.run_cadtof import ENVIRONMENT
 
 
 @dataclass(frozen=True)
@@ -64,6 +68,31 @@ def test_workers_have_the_shared_objects_with_every_start_method(start_method: S
     tasks = (Part(number, HEAVY) for number in range(5))
     outcomes = run_ordered(length, tasks, workers=workers, shared=[HEAVY])
     assert [outcome.result for outcome in outcomes] == [(number, 100_000) for number in range(5)]
+
+
+class DiesWhereItArrives:
+    """A function that ends the process which gets it, as if that had too little memory to start."""
+
+    def __call__(self, part: Part) -> int:
+        return part.number
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return os._exit, (1,)
+
+
+def print_results_of_workers_that_die_at_once() -> None:
+    dying: Work[Part, int] = DiesWhereItArrives()
+    workers = Workers(jobs=2, start_method="spawn")
+    outcomes = run_ordered(dying, [Part(number, HEAVY) for number in range(3)], workers=workers, shared=[HEAVY])
+    sys.stdout.write(" ".join(type(outcome.result).__name__ for outcome in outcomes))
+
+
+def test_workers_that_die_at_once_keep_nobody_waiting() -> None:
+    """Python sends a spawned process its arguments through a pipe that it holds open itself; HEAVY does not fit into it."""
+    script = "from tests.execution import test_messages as m\nm.print_results_of_workers_that_die_at_once()"
+    words = [sys.executable, "-c", script]
+    done = subprocess.run(words, env=ENVIRONMENT, capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout == "WorkerDied WorkerDied WorkerDied"
 
 
 def given(answer: object) -> object:

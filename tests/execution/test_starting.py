@@ -5,11 +5,15 @@ import subprocess
 import sys
 import time
 from multiprocessing import Pipe, get_context
+from pathlib import Path
 
 import pytest
 
+from cadtof_cli.errors import WorkersError
 from cadtof_cli.execution.messages import TaskMessages
+from cadtof_cli.execution.ordered import run_ordered
 from cadtof_cli.execution.serve import serve
+from cadtof_cli.execution.workers import Workers
 from tests.support.run_cadtof import ENVIRONMENT, ROOT
 
 _FIRST_WORKER = """
@@ -40,6 +44,26 @@ def test_the_first_worker_holds_signals_back_until_it_can_handle_them(start_meth
     words = [sys.executable, "-c", _FIRST_WORKER, start_method]
     done = subprocess.run(words, env=ENVIRONMENT, cwd=ROOT, capture_output=True, text=True, timeout=60, check=True)
     assert done.stdout.splitlines() == ["SIGHUP SIGINT SIGTERM", ""]
+
+
+def test_the_fork_server_says_if_the_path_of_its_socket_is_too_long(tmp_path: Path) -> None:
+    folder = tmp_path / (100 * "x")
+    folder.mkdir()
+    script = "from tests.execution.test_starting import start_by_fork_server\nstart_by_fork_server()"
+    words, environment = [sys.executable, "-c", script], {**ENVIRONMENT, "TMPDIR": str(folder)}
+    done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=60, check=True)
+    # newer Pythons take another folder then
+    message = "no worker process can be started (AF_UNIX path too long): set TMPDIR to a folder with a shorter path"
+    assert done.stdout.strip() in {message, "0.0"}
+
+
+def start_by_fork_server() -> None:
+    """Print the result of a task, or why there is none."""
+    try:
+        (outcome, *_) = run_ordered(_slow, [0.0, 0.0], workers=Workers(jobs=2, start_method="forkserver"))
+        sys.stdout.write(str(outcome.result))
+    except WorkersError as error:
+        sys.stdout.write(str(error))
 
 
 def _slow(task: float) -> float:

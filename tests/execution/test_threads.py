@@ -92,7 +92,9 @@ def test_an_interrupt_after_a_thread_has_started_leaves_no_thread(
         begun()
     for work in waiting:
         work()
-    time.sleep(0.1)
+    until = time.monotonic() + 60
+    while _thread._count() != before and time.monotonic() < until:
+        time.sleep(0.01)
     assert _thread._count() == before
 
 

@@ -137,7 +137,7 @@ def test_braces_in_the_name_of_a_matlab_file_stay_as_they_are(word: str, tmp_pat
     scipy.io.savemat(path, {"voltages": np.zeros((24, 32, 2, 2))})
     text = message(path)
     assert f"scipy.io.loadmat({str(path)!r})['voltages'].transpose(" in text
-    assert len(text) < 1000
+    assert len(text.replace(str(path), "")) < 1000
 
 
 def test_matlab_files_without_an_array_that_can_be_saved(tmp_path: Path) -> None:

@@ -107,6 +107,6 @@ def test_a_long_description_takes_no_longer_than_a_short_one(tmp_path: Path) -> 
     path = tmp_path / "frame.tif"
     description = '<?xml version="1.0"?><OME>' + '<Channel ID="Channel:0:0" ' * 5000 + "</OME>"
     tifffile.imwrite(path, np.zeros((4, 5, 7), "u2"), photometric="minisblack", description=description, metadata=None)
-    began = time.monotonic()
+    began = time.process_time()
     assert message(path).startswith(f"{path}: damaged TIFF: ")
-    assert time.monotonic() - began < 5
+    assert time.process_time() - began < 5

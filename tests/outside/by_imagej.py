@@ -11,7 +11,7 @@ _JAR = Path("/usr/share/java/ij.jar")
 
 
 _PIXELS = """\
-values = split(File.openAsString("{folder}/values.txt"), "\\n");
+values = split(File.openAsString("values.txt"), "\\n");
 newImage("frame", "{kind} black", {width}, {height}, 4);
 for (i = 0; i < values.length; i++) {{
     if (i % ({width} * {height}) == 0) setSlice(1 + i / ({width} * {height}));
@@ -30,9 +30,10 @@ def _macro(*commands: str, shuffled: bool = False) -> Writer:
         (folder / "values.txt").write_text("\n".join(map(str, planes.ravel().tolist())))
         height, width = planes.shape[1:]
         kind = f"{8 * planes.dtype.itemsize}-bit"
-        drawn = _PIXELS.format(folder=folder, kind=kind, width=width, height=height)
-        (folder / "macro.ijm").write_text("\n".join([drawn, *commands, f'saveAs("Tiff", "{folder}/frame.tif");']))
-        run("java", "-Djava.awt.headless=true", "-jar", _JAR, "-batch", folder / "macro.ijm")
+        drawn = _PIXELS.format(kind=kind, width=width, height=height)
+        (folder / "macro.ijm").write_text("\n".join([drawn, *commands, 'saveAs("Tiff", "frame.tif");']))
+        # names without folders, and this one is no Path: it runs in the folder, which may have letters that Java's locale lacks
+        run("java", "-Djava.awt.headless=true", "-jar", str(_JAR), "-batch", folder / "macro.ijm")
         return folder / "frame.tif"
 
     return write

@@ -68,6 +68,8 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tuple[Layer
 def shown(browser: Browser, written: tuple[Path, tuple[Layers, ...]]) -> Shown:
     """The page, freshly opened."""
     page, frames = written
+    # what the browser said in tests before this one
+    browser.complaints()
     browser.open(page)
     return Shown(page, browser, frames)
 

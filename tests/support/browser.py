@@ -3,6 +3,8 @@
 import base64
 import importlib
 import io
+import os
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -134,7 +136,10 @@ def opened_browser(profile: Path) -> Iterator[Browser]:
     for flag in (*FLAGS, f"--user-data-dir={profile}"):
         options.add_argument(flag)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    driver = webdriver.Chrome(options=options, service=service.Service(chromedriver))
+    # Chromium makes a socket in the temporary folder, and the system takes no socket with a path of 108 letters
+    folder = tempfile.gettempdir() if len(tempfile.gettempdir()) < 60 else "/tmp"
+    server = service.Service(chromedriver, env={**os.environ, "TMPDIR": folder})
+    driver = webdriver.Chrome(options=options, service=server)
     try:
         yield Browser(driver)
     finally:

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from unittest.mock import patch
 
 from cadtof_cli.workflows.resolve.frame_task import FrameTask
 from cadtof_cli.workflows.resolve.reports import FrameReport
@@ -20,6 +21,9 @@ START_S = 60
 """Longest time in s that a process may take to start on a busy machine."""
 
 HERE = "127.0.0.1"
+
+NO_SETTINGS = {"HOME": os.devnull}
+"""Without the settings of dask that a user has below HOME: a cluster with TLS, for example, is none for these tests."""
 
 _ENDED_WITH_PARENT = """
 import ctypes, os, signal, sys
@@ -35,9 +39,14 @@ def no_work(task: FrameTask) -> FrameReport:
     return task.report("ok", None, 0.123456, one_path=12345, two_paths=64455, invalid=0)
 
 
-def require_dask() -> None:
-    """Skip the test if dask is not installed; in CI it must be."""
-    needed_module("distributed")
+def require_dask(*more: str) -> None:
+    """Skip the test if dask, or a package for it, is not installed; in CI it must be.
+
+    Dask reads a user's settings when it is first imported, and its packages write theirs.
+    """
+    with patch.dict(os.environ, NO_SETTINGS):
+        for name in ("distributed", *more):
+            needed_module(name)
 
 
 @dataclass
@@ -109,6 +118,7 @@ def _require_loopback() -> None:
 def _started(folder: Path, output: Path, *command: str, python_path: Path = ROOT) -> "subprocess.Popen[bytes]":
     environment = {
         **os.environ,
+        **NO_SETTINGS,
         "PYTHONPATH": f"{python_path}:{os.environ.get('PYTHONPATH', '')}",
         "DASK_TEMPORARY_DIRECTORY": str(folder),
     }

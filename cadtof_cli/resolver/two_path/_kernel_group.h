@@ -9,14 +9,6 @@
 
 #include "_arcsine.h"
 
-#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__) || \
-    defined(__NO_SIGNED_ZEROS__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)
-#error "the kernel and its numpy reference give the same bits only without -ffast-math and its parts"
-#endif
-#if !defined(FLT_EVAL_METHOD) || FLT_EVAL_METHOD != 0
-#error "the kernel needs arithmetic that rounds every operation to its own type"
-#endif
-
 #ifndef GROUP
 #define GROUP 32
 #endif

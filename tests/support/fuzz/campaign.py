@@ -75,9 +75,10 @@ def input_of(reader: Reader, number: int, place: Path) -> bytes:
 
 @contextlib.contextmanager
 def sound_place() -> Iterator[Path]:
-    """Make a folder of sound files, in memory where there is such a place."""
+    """Make a folder of sound files, in memory where there is such a place with 256 MB. Containers often have less."""
     memory = Path("/dev/shm")
-    with tempfile.TemporaryDirectory(prefix="fuzz-", dir=memory if os.access(memory, os.W_OK) else None) as folder:
+    roomy = os.access(memory, os.W_OK) and shutil.disk_usage(memory).free > 2**28
+    with tempfile.TemporaryDirectory(prefix="fuzz-", dir=memory if roomy else None) as folder:
         yield make_sound(Path(folder) / "sound", run_command)
 
 

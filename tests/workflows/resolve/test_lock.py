@@ -41,7 +41,7 @@ def test_a_second_run_says_who_holds_the_folder(tmp_path: Path) -> None:
             done = cadtof("resolve", capture.folder, "-o", out, "-j", 1, *options)
             assert done.status == 2
             assert done.err.startswith(
-                f"Error: {out}: process {holder.pid} on {os.uname().nodename} has been writing into it since 2"
+                f"Error: {out}: process {holder.pid} on {os.uname().nodename} has been writing into it since "
             )
         # the file that the other run is writing is still there
         after = {path.name: path.read_bytes() for path in out.iterdir()}
