@@ -61,10 +61,11 @@ def test_an_out_with_recorded_frames_is_refused(tmp_path: Path) -> None:
     _require_refused(
         cadtof("resolve", a.folder, "-o", a.folder, "-j", 1, "--volts-per-count", 6e-5, "--zero-counts", 8192), message
     )
-    _require_refused(
-        cadtof("resolve", b.folder, "-o", a.folder, "-j", 1),
-        f"{a.folder}: frame_0.tif would be replaced; add --overwrite to replace",
-    )
+    for extra in ((), ("--overwrite",), ("--resume",)):
+        _require_refused(
+            cadtof("resolve", b.folder, "-o", a.folder, "-j", 1, *extra),
+            f"{a.folder}: would replace frame_0.tif, which no run made; choose another folder with -o",
+        )
     assert _files(a.folder) == {name: content for name, content in before.items() if name != "capture.toml"}
 
 
@@ -81,6 +82,16 @@ def test_maps_are_replaced_only_with_overwrite(tmp_path: Path) -> None:
     after = _files(out)
     assert after.keys() == before.keys()
     assert all(after[name] != before[name] for name in before)
+
+
+def test_maps_without_their_record_and_files_that_nobody_can_read_are_replaced_with_overwrite(tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "capture", frames=2), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
+    (out / "run.json").unlink()
+    (out / "frame_1.tif").write_bytes(b"II*")
+    done = cadtof("resolve", capture.folder, "-o", out, "-j", 1)
+    _require_refused(done, f"{out}: frame_0.tif, frame_1.tif, frames.jsonl would be replaced; add --overwrite")
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "--overwrite").status == 0
 
 
 def test_nothing_of_the_run_that_is_overwritten_stays(tmp_path: Path) -> None:

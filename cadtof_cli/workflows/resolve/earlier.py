@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.errors import OutputError
+from cadtof_cli.errors import FrameError, OutputError
 from cadtof_cli.files.atomic import atomic_write, writing
 from cadtof_cli.files.formats import MAP_FORMATS
 from cadtof_cli.files.system import sync_folder
@@ -60,10 +60,15 @@ def earlier_run(
 
     Raises:
         OutputError: the folder holds files of a run, and neither `overwrite` nor `resume` is set; or the run to be resumed had
-            other inputs or settings.
+            other inputs or settings; or files that are no maps would be replaced.
     """
     out = names.out
-    there = [] if settings.overwrite else _existing_outputs(names)
+    ours = os.path.lexists(out / RUN_FILE)
+    there = [] if settings.overwrite and ours else _existing_outputs(names)
+    if not ours and (others := [file for file in there if _holds_no_maps(out / file)]):
+        raise OutputError(f"{out}: would replace {first_of(others, 3)}, which no run made; choose another folder with -o")
+    if settings.overwrite:
+        return None
     if there and not settings.resume:
         raise OutputError(
             f"{out}: {first_of(there, 3)} would be replaced; add --overwrite to replace, --resume to go on where a run "
@@ -71,7 +76,7 @@ def earlier_run(
         )
     if not there:
         return None
-    if not os.path.lexists(out / RUN_FILE):
+    if not ours:
         raise OutputError(
             f"{out}: cannot resume: found {first_of(there, 3)} and no {RUN_FILE}, so nothing tells what was resolved and how; "
             "add --overwrite, or choose another folder with -o"
@@ -91,6 +96,21 @@ def _existing_outputs(names: MapNames) -> list[str]:
         if is_map or file in {RUN_FILE, FRAMES_FILE}:
             replaced.append(file)
     return replaced
+
+
+def _holds_no_maps(file: Path, /) -> bool:
+    """Return whether a file holds something else than maps, such as a recorded frame."""
+    # imported here because nearly every run is in a new folder or has its run.json
+    from cadtof_cli.files.layers import read_layers
+    from cadtof_cli.files.maps import NotMapsError, is_map_layer
+
+    try:
+        return file.name != FRAMES_FILE and not any(map(is_map_layer, read_layers(file)))
+    except NotMapsError:
+        return True
+    except FrameError:
+        # nobody can read it
+        return False
 
 
 def _continued_record(out: Path, document: RunDocument, /, *, arriving: bool) -> RunRecord:
