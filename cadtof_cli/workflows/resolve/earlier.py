@@ -66,7 +66,9 @@ def earlier_run(
     ours = os.path.lexists(out / RUN_FILE)
     there = [] if settings.overwrite and ours else _existing_outputs(names)
     if not ours and (others := [file for file in there if _holds_no_maps(out / file)]):
-        raise OutputError(f"{out}: would replace {first_of(others, 3)}, which no run made; choose another folder with -o")
+        raise OutputError(
+            f"{out}: would replace {first_of(others, 3)}, which no run made; choose another folder with -o"
+        )
     if settings.overwrite:
         return None
     if there and not settings.resume:
