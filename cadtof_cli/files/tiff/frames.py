@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.array_frames import lengths_text
-from cadtof_cli.files.axis_orders import transpositions
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames
 from cadtof_cli.files.plane_table import plane_table
 from cadtof_cli.files.reading import damage_as_frame_error
@@ -66,6 +64,10 @@ def _opened(path: Path, layout: FrameLayout) -> tuple[TiffImages, NDArray[np.int
     try:
         table = plane_table(images.labels, images.sizes, layout, where=images.found, names=images.names)
     except FrameError:
+        # imported here because few files are such arrays
+        from cadtof_cli.files.array_frames import lengths_text
+        from cadtof_cli.files.axis_orders import transpositions
+
         images.close()
         # a program that saves arrays makes pages of whatever axes are last
         shape = (*(size for size in images.sizes if size > 1), *images.plane_shape)
