@@ -118,8 +118,7 @@ def _phasors_of_paths(phasors: Complex, resolved: ResolvedPaths, pixel: FramePix
     if stages.response is not None:
         block = stages.response.block(pixel.here)
         for row, step in enumerate(steps):
-            f = block.at(row, phase_rad.astype(np.float32))
-            re, im = block.turned_back(row, f.re, f.im)
+            re, im = block.added_by(row, phase_rad.astype(np.float32))
             step[:] = amplitude * (re + 1j * im)
     if resolved.status[0] & StatusBit.DIFFUSE_MPI:
         steps[:, 1] = phasors[:, 0] - steps[:, 0]

@@ -1,13 +1,14 @@
 """Maximum likelihood for K paths on N harmonics with known noise, and its Fisher information."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index
 from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
-from cadtof_cli.phasors.rotors import powers
-from cadtof_cli.resolver.likelihood.levenberg_marquardt import LevenbergMarquardt, Minimum
+from cadtof_cli.resolver.likelihood.levenberg_marquardt import LevenbergMarquardt, Minimum, PathsProblem
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, WhiteFit
 from cadtof_cli.resolver.likelihood.normal_equations import cholesky, inverse_diagonal
 from cadtof_cli.resolver.likelihood.starts import best_pair, exact_start, strongest_path
@@ -38,6 +39,13 @@ NO_AMPLITUDE = 1e-9
 
 EXACT_MISFIT = 1e-2
 """Largest acceptable misfit of as many paths as harmonics, for which an exact answer always exists."""
+
+
+class WeightedProblem(PathsProblem, Protocol):
+    """The fit of paths with the full noise."""
+
+    def strengths(self, path: Mixture, /) -> Iterator[tuple[Float, Float | float]]:
+        """Yield, for each harmonic, the amplitude along one path, (n,), and the square of its answer to amplitude 1."""
 
 
 @dataclass(frozen=True)
@@ -148,23 +156,28 @@ def _solver(white: WhiteFit, count: int) -> LevenbergMarquardt:
 
 def most_likely(measured: Measured, found: Mixture, /, *, noise: NoiseModel) -> LikelyPaths:
     """Return the maximum of the likelihood next to the paths `found`, with the noise of the light of these paths."""
-    weighted = WeightedFit.around(measured, found, noise=noise)
-    best = POLISH.solve(weighted, found.points, samples=noise.samples)
+    return likely_paths(WeightedFit.around(measured, found, noise=noise), found, noise=noise)
+
+
+def likely_paths(problem: WeightedProblem, found: Mixture, /, *, noise: NoiseModel) -> LikelyPaths:
+    """Return the maximum of the likelihood of a problem next to the paths `found`."""
+    best = POLISH.solve(problem, found.points, samples=noise.samples)
     paths = Mixture.of_points(best.points)
-    fall_off = _fall_off(measured, paths, noise) if len(paths.amplitude) == 1 else None
-    return LikelyPaths(paths, phase_sigmas(paths, best.matrix), best.cost, best.converged, fall_off)
+    fall_off = _fall_off(problem, paths, noise) if len(paths.amplitude) == 1 else None
+    return LikelyPaths(paths, _sigma(paths, best.matrix), best.cost, best.converged, fall_off)
 
 
-def _fall_off(measured: Measured, path: Mixture, noise: NoiseModel) -> Float:
+def _fall_off(problem: WeightedProblem, path: Mixture, noise: NoiseModel) -> Float:
     """Return z·|z|: z is how much the phasors fall off with h² along one path, in standard deviations of the noise."""
-    (amplitude,), (rotor,) = path.amplitude, zip(path.cos, path.sin, strict=True)
-    rotors = powers(rotor, measured.harmonics)
-    weights = [1.0 / one.one_path_variances(amplitude)[0] for one in noise.each]
-    squares = [float(h * h) for h in measured.harmonics]
+    (amplitude,), strengths, weights = path.amplitude, [], []
+    for one, (strength, power) in zip(noise.each, problem.strengths(path), strict=True):
+        strengths.append(strength)
+        weights.append(power / one.one_path_variances(amplitude)[0])
+    squares = [float(h * h) for h in noise.harmonics]
     mean = sum(w * h2 for w, h2 in zip(weights, squares, strict=True)) / sum(weights)
     score, variance = np.zeros_like(amplitude), np.zeros_like(amplitude)
-    for re, im, (cos, sin), weight, square in zip(measured.re, measured.im, rotors, weights, squares, strict=True):
-        score += weight * (mean - square) * (re * cos + im * sin)
+    for strength, weight, square in zip(strengths, weights, squares, strict=True):
+        score += weight * (mean - square) * strength
         variance += weight * (mean - square) ** 2
     return np.asarray(score * np.abs(score) / variance)
 
@@ -172,10 +185,10 @@ def _fall_off(measured: Measured, path: Mixture, noise: NoiseModel) -> Float:
 def fisher_fit(measured: Measured, paths: Mixture, /, *, converged: Bool, noise: NoiseModel) -> LikelyPaths:
     """Return paths that another solver found, with standard deviations and misfit from the likelihood."""
     end = ON_THE_SPOT.solve(WeightedFit.around(measured, paths, noise=noise), paths.points)
-    return LikelyPaths(paths, phase_sigmas(paths, end.matrix), end.cost, converged)
+    return LikelyPaths(paths, _sigma(paths, end.matrix), end.cost, converged)
 
 
-def phase_sigmas(paths: Mixture, matrix: Float, /) -> Float:
+def _sigma(paths: Mixture, matrix: Float) -> Float:
     """Return the standard deviations of the phases, from the inverse of the Fisher information in (da, a·dx)."""
     count = len(paths.amplitude)
     variance = inverse_diagonal(cholesky(matrix, 2 * count), 2 * count)[count:]

@@ -4,7 +4,7 @@ The step of a path has a part along its direction and a part across it, (da, a·
 a → 0. An amplitude that would fall below zero becomes positive half a turn away, so that a ≥ 0 needs no bounds.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
@@ -172,6 +172,13 @@ class WeightedFit:
         rotors = zip(harmonics, powers((paths.cos, paths.sin), harmonics), strict=True)
         answers = (((cos, sin), (-h * sin, h * cos)) for h, (cos, sin) in rotors)
         return equations_of(self.measured, self.weights, paths.amplitude, answers)
+
+    def strengths(self, path: Mixture, /) -> Iterator[tuple[Float, float]]:
+        """Yield, for each harmonic, the amplitude along one path, (n,), and 1, the square of a rotor."""
+        (rotor,) = zip(path.cos, path.sin, strict=True)
+        rotors = powers(rotor, self.measured.harmonics)
+        for re, im, (cos, sin) in zip(self.measured.re, self.measured.im, rotors, strict=True):
+            yield re * cos + im * sin, 1.0
 
     moved = staticmethod(moved_paths)
 

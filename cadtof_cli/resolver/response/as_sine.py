@@ -39,10 +39,9 @@ def without_own_phases(phasors: Complex, paths: Paths, /, *, response: ResponseB
     without, result = response.without_phases, phasors.copy()
     for row, phasor in enumerate(result):
         for strength, x in zip(amplitude, phase, strict=True):
-            own, common = (block.at(row, x) for block in (response, without))
-            own_re, own_im = response.turned_back(row, own.re, own.im)
-            phasor.real -= strength * (own_re - common.re)
-            phasor.imag -= strength * (own_im - common.im)
+            (own_re, own_im), (re, im) = (block.added_by(row, x) for block in (response, without))
+            phasor.real -= strength * (own_re - re)
+            phasor.imag -= strength * (own_im - im)
     return result
 
 

@@ -16,7 +16,7 @@ from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.rotors import Rotor
 from cadtof_cli.resolver.kernels import contiguous
-from cadtof_cli.resolver.likelihood.k_paths import POLISH, SEARCH, LikelyPaths, acceptable_misfit, phase_sigmas
+from cadtof_cli.resolver.likelihood.k_paths import SEARCH, LikelyPaths, acceptable_misfit, likely_paths
 from cadtof_cli.resolver.likelihood.k_paths import found_paths as paths_of_sine
 from cadtof_cli.resolver.likelihood.kernel import RESPONSE
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, equations_of, moved_paths
@@ -111,11 +111,8 @@ def found_paths(recorded: Recorded, count: int, /) -> tuple[Mixture, Float]:
 def most_likely(recorded: Recorded, found: Mixture, /) -> LikelyPaths:
     """Return the maximum of the likelihood next to the paths `found`, with the noise of the light of these paths."""
     measured, noise = recorded.measured, recorded.noise
-    problem = ResponseFit(measured, WeightedFit.around(measured, found, noise=noise).weights, recorded.response)
-    best = POLISH.solve(problem, found.points, samples=noise.samples)
-    paths = Mixture.of_points(best.points)
-    fall_off = problem.fall_off(paths, noise=noise) if len(paths.amplitude) == 1 else None
-    return LikelyPaths(paths, phase_sigmas(paths, best.matrix), best.cost, best.converged, fall_off)
+    weights = WeightedFit.around(measured, found, noise=noise).weights
+    return likely_paths(ResponseFit(measured, weights, recorded.response), found, noise=noise)
 
 
 @dataclass(frozen=True)
@@ -144,20 +141,12 @@ class ResponseFit:
         tables = np.stack([table.entries for table in self.response.stages[-1]])
         return tables, *contiguous(self.response.phase_rad, self.response.rotors)
 
-    def fall_off(self, path: Mixture, /, *, noise: NoiseModel) -> Float:
-        """Return z·|z|, (n,): z is how much the phasors fall off with h² along one path, in standard deviations of the noise."""
-        (amplitude,), strengths, weights = path.amplitude, [], []
-        for row, (((re,), (im,)), _slope) in enumerate(self._answers(path)):
-            power = re * re + im * im
-            strengths.append((self.measured.re[row] * re + self.measured.im[row] * im) / power)
-            weights.append(power / noise.each[row].one_path_variances(amplitude)[0])
-        squares = [float(h * h) for h in self.measured.harmonics]
-        mean = sum(w * h2 for w, h2 in zip(weights, squares, strict=True)) / sum(weights)
-        score, variance = np.zeros_like(amplitude), np.zeros_like(amplitude)
-        for strength, weight, square in zip(strengths, weights, squares, strict=True):
-            score += weight * (mean - square) * strength
-            variance += weight * (mean - square) ** 2
-        return np.asarray(score * np.abs(score) / variance)
+    def strengths(self, path: Mixture, /) -> Iterator[tuple[Float, Float]]:
+        """Yield, for each harmonic, the amplitude along one path and the square of its answer to amplitude 1, (n,) each."""
+        answers = (value for value, _slope in self._answers(path))
+        for re, im, ((f_re,), (f_im,)) in zip(self.measured.re, self.measured.im, answers, strict=True):
+            power = f_re * f_re + f_im * f_im
+            yield (re * f_re + im * f_im) / power, power
 
     def _answers(self, paths: Mixture) -> Iterator[tuple[Rotor, Rotor]]:
         """Yield what a path of amplitude 1 gives at each harmonic, and its derivative by the phase, (K, n) each part."""

@@ -139,6 +139,11 @@ class ResponseBlock:
         rotor = self.rotors[row]
         return re * rotor.real + im * rotor.imag, im * rotor.real - re * rotor.imag
 
+    def added_by(self, row: int, phase: Float32, /) -> tuple[Float, Float]:
+        """Return what paths of amplitude 1 and fundamental phase x, (n,), add to one harmonic's phasors: re and im, float64."""
+        f = self.at(row, phase)
+        return self.turned_back(row, f.re, f.im)
+
     def at(self, row: int, phase: Float32, /, *, stage: int = -1) -> Answer:
         """Return the answer of one harmonic to paths with fundamental phase x, (n,)."""
         return self.stages[stage][row].at(self.theta(row, phase))

@@ -89,8 +89,7 @@ def _sine_part(alone: OnePath, phasors: Complex, response: ResponseBlock) -> Com
     for row, phasor in enumerate(phasors):
         if row:
             cos, sin = cos * cos - sin * sin, 2.0 * cos * sin
-        f = response.at(row, phase)
-        re, im = response.turned_back(row, f.re, f.im)
+        re, im = response.added_by(row, phase)
         cleaned[row].real = phasor.real - alone.amplitude * (re - cos)
         cleaned[row].imag = phasor.imag - alone.amplitude * (im - sin)
     return cleaned

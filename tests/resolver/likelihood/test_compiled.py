@@ -1,6 +1,5 @@
 """The compiled search returns the bits of the search in numpy for any input, and refuses buffers that do not fit."""
 
-from dataclasses import fields
 from types import ModuleType
 from typing import Any
 
@@ -10,31 +9,22 @@ import pytest
 from cadtof_cli.arrays import Float
 from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.likelihood.kernel import WHITE, compiled_search
-from cadtof_cli.resolver.likelihood.levenberg_marquardt import LevenbergMarquardt, Minimum
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, WhiteFit
 from cadtof_cli.resolver.likelihood.starts import scanned
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
 from tests.resolver.compiled import assert_refused
+from tests.resolver.searches import (
+    COUNTS,
+    SOLVERS,
+    assert_every_level_agrees,
+    assert_problems_are_apart,
+    assert_same_bits,
+    hard_phasors,
+)
 from tests.support import mixtures
 from tests.support.kernels import by_kernel
-from tests.support.mixtures import C, noise_of
-
-SOLVERS = (
-    LevenbergMarquardt(max_steps=40, absolute=0.1),
-    LevenbergMarquardt(max_steps=5, relative=1e-2, absolute=1e-29, first_damping=1e-6),
-    LevenbergMarquardt(max_steps=0),
-)
-COUNTS = (0, 1, 7, 33, 1001)
-
-
-def hard_phasors(rows: int, count: int, rng: np.random.Generator) -> C:
-    """Return phasors of plain noise; in every fifty pixels, five hold NaN, 0, 1e150, infinity and 1e-200 instead."""
-    phasors: C = np.empty((rows, count), np.complex128)
-    phasors.real, phasors.imag = 0.1 * rng.normal(size=(2, rows, count))
-    for first, poison in enumerate((np.nan, 0.0, 1e150, np.inf, 1e-200)):
-        phasors[:, first::50] = poison
-    return phasors
+from tests.support.mixtures import noise_of
 
 
 def mixture_problem(
@@ -48,22 +38,6 @@ def mixture_problem(
     if white:
         return WhiteFit(measured, tuple(1.0 / one.dark_variance for one in noise.each)), start.points
     return WeightedFit.around(measured, start, noise=noise), start.points
-
-
-def assert_same_bits(one: Any, other: Any) -> None:
-    for field in fields(one):
-        a, b = getattr(one, field.name), getattr(other, field.name)
-        assert a.dtype == b.dtype
-        assert a.tobytes() == b.tobytes() or np.array_equal(a, b, equal_nan=True), field.name
-
-
-def assert_every_level_agrees(search: ModuleType, problem: WhiteFit | WeightedFit, starts: Float) -> None:
-    samples = np.random.default_rng(1).uniform(1.0, 400.0, size=(starts.shape[1],))
-    with np.errstate(all="ignore"):
-        for solver in SOLVERS:
-            expected = by_kernel(NUMPY, solver.solve, problem, starts, samples=samples)
-            for level in search.levels():
-                assert_same_bits(expected, by_kernel(level, solver.solve, problem, starts, samples=samples))
 
 
 @pytest.mark.parametrize("white", [True, False])
@@ -89,11 +63,7 @@ def test_a_32_bit_system_ends_in_the_same_bits(search: ModuleType, monkeypatch: 
 
 
 def test_a_problem_ends_the_same_whichever_others_are_solved_with_it(search: ModuleType) -> None:
-    problem, starts = mixture_problem((1, 2, 3), 2, 501, white=True)
-    whole = by_kernel(search.levels()[0], SOLVERS[0].solve, problem, starts)
-    some = np.random.default_rng(2).permutation(501)[:77]
-    alone = by_kernel(search.levels()[0], SOLVERS[0].solve, problem[some], starts[:, some])
-    assert_same_bits(alone, Minimum(*(part[..., some] for part in vars(whole).values())))
+    assert_problems_are_apart(search, *mixture_problem((1, 2, 3), 2, 501, white=True))
 
 
 @pytest.mark.parametrize("paths", [1, 2, 4])

@@ -10,14 +10,18 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
-from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.likelihood.kernel import RESPONSE
-from cadtof_cli.resolver.likelihood.levenberg_marquardt import Minimum
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit
 from cadtof_cli.resolver.response.more_harmonics import ResponseFit
 from cadtof_cli.resolver.response.table import ENTRIES, response_block
 from tests.resolver.compiled import assert_refused
-from tests.resolver.likelihood.test_compiled import COUNTS, SOLVERS, assert_same_bits, hard_phasors
+from tests.resolver.searches import (
+    COUNTS,
+    SOLVERS,
+    assert_every_level_agrees,
+    assert_problems_are_apart,
+    hard_phasors,
+)
 from tests.support.kernels import by_kernel
 
 
@@ -46,21 +50,11 @@ def problem_of(harmonics: tuple[int, ...], paths: int, count: int, *, own: bool)
 @pytest.mark.parametrize("harmonics", [(1, 2, 3), (1, 3, 4, 7), (1,)])
 def test_searches_end_in_the_same_bits(search: ModuleType, harmonics: tuple[int, ...], paths: int, own: bool) -> None:
     for count in COUNTS:
-        problem, starts = problem_of(harmonics, paths, count, own=own)
-        samples = np.random.default_rng(1).uniform(1.0, 400.0, count)
-        with np.errstate(all="ignore"):
-            for solver in SOLVERS:
-                expected = by_kernel(NUMPY, solver.solve, problem, starts, samples=samples)
-                for level in search.levels():
-                    assert_same_bits(expected, by_kernel(level, solver.solve, problem, starts, samples=samples))
+        assert_every_level_agrees(search, *problem_of(harmonics, paths, count, own=own))
 
 
 def test_a_problem_ends_the_same_whichever_others_are_solved_with_it(search: ModuleType) -> None:
-    problem, starts = problem_of((1, 2, 3), 2, 501, own=True)
-    whole = by_kernel(search.levels()[0], SOLVERS[0].solve, problem, starts)
-    some = np.random.default_rng(2).permutation(501)[:77]
-    alone = by_kernel(search.levels()[0], SOLVERS[0].solve, problem[some], starts[:, some])
-    assert_same_bits(alone, Minimum(*(part[..., some] for part in vars(whole).values())))
+    assert_problems_are_apart(search, *problem_of((1, 2, 3), 2, 501, own=True))
 
 
 def test_the_search_of_a_response_moves_to_its_light(search: ModuleType) -> None:
@@ -106,6 +100,9 @@ def test_arrays_that_do_not_fit_are_errors(search: ModuleType, place: int, value
     assert_refused(search.solve, arguments(search.levels()[0]), place, value)
 
 
-def test_a_response_may_do_without_phases_of_pixels(search: ModuleType) -> None:
-    search.solve(*arguments(search.levels()[0]))
-    search.solve(*arguments(search.levels()[0])[:-2])
+def test_pixels_without_own_phases_end_as_pixels_whose_own_phases_are_0(search: ModuleType) -> None:
+    with_phases, without = (arguments(search.levels()[0]) for _ in range(2))
+    search.solve(*with_phases)
+    search.solve(*without[:-2])
+    for place in range(12, 16):
+        np.testing.assert_array_equal(with_phases[place], without[place])
