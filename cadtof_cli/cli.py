@@ -90,7 +90,6 @@ class LazyGroup(click.Group):
         """
         if cmd_name in COMMANDS:
             command: click.Command = getattr(importlib.import_module(f"cadtof_cli.commands.{cmd_name}"), cmd_name)
-            command.context_class = HelpContext
             # PYTHONOPTIMIZE=2 removes docstrings, and with them the command's own description
             command.help = command.help or COMMANDS[cmd_name]
             return command

@@ -96,8 +96,10 @@ def resolve(
     maps, _ = answered_maps(resolved, plan, source=first)
     forced = settings.resolver.mpi_model == "diffuse" and settings.resolver.may_be_diffuse((1, 2))
     if forced and not (maps.status & np.uint32(StatusBit.DIFFUSE_MPI)).any():
-        dim = "has enough light in too few places; all its MPI is taken for separate paths"
-        _log.warning(f"{first}: mpi_model has no effect, because the frame {dim}")
+        _log.warning(
+            f"{first}: mpi_model has no effect, because the frame has enough light in too few places; all its MPI is taken for "
+            "separate paths"
+        )
     layers = {name: maps.layer(name) for name in maps.names} | {STATUS: maps.status}
     return Maps(layers, plan.header.of_frame(str(first)).facts)
 

@@ -10,7 +10,7 @@ from cadtof_cli.capture.metadata import Layout
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frame_files import read_plane
 from cadtof_cli.files.frames import CHANNELS
-from cadtof_cli.files.named_planes import channel_in_words, harmonics_in_words
+from cadtof_cli.files.named_planes import EXAMPLE_PATTERN, channel_in_words, harmonics_in_words
 from cadtof_cli.files.reading import natural_key
 from cadtof_cli.records import dataclass
 
@@ -22,8 +22,6 @@ _WORDS_FOR = {
 }
 """Words before or after a number by which it is the number of a channel or of a harmonic, and how much each word speaks
 for that; f may also be the frame."""
-
-EXAMPLE_PATTERN = "{frame}_h{harmonic}_sc{channel}.tif"
 
 _FOLDERS = (
     '; with a folder for each harmonic, in the folder above them: pattern = "H{harmonic}/{frame}_sc{channel}.tif"'

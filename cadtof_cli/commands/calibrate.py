@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from cadtof_cli.commands.help import SectionedCommand, example
+from cadtof_cli.commands.help import HelpContext, SectionedCommand, example
 from cadtof_cli.commands.map_options import CAPTURE_HEADING, capture_options, settings_option
 from cadtof_cli.commands.options import Decorator, RecordOptions, declared_options, input_paths, note_given, null_option
 from cadtof_cli.commands.terminal import progress_bar, tell
@@ -31,6 +31,8 @@ _OF_LIGHT = {"capture_fwhm_ns", "capture_focal_length_px", "capture_principal_po
 
 class _StepsInOrder(click.Group):
     """A group whose help lists the steps in the order in which they are taken and are defined below."""
+
+    context_class = HelpContext
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of the steps."""

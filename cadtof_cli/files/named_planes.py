@@ -9,6 +9,9 @@ from cadtof_cli.arrays import plane_name
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, harmonic_labels
 
+EXAMPLE_PATTERN = "{frame}_h{harmonic}_sc{channel}.tif"
+"""A pattern of the names of files of one plane each, for messages."""
+
 _PLANE = r"(?i)(?:H(?P<harmonic>[1-9]\d*))?[\s._/:-]?(?:SC(?P<channel>[12]))?"
 
 _HARMONIC_WORD = r"(?i)(?<![a-z])h(?:arm(?:oni[a-z]+)?)?[\s._#:-]*0*([1-9]\d*)"

@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 from cadtof_cli.arrays import plane_name
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, harmonic_labels
-from cadtof_cli.files.named_planes import PlaneLabel, plane_labels, planes_in_order
+from cadtof_cli.files.named_planes import EXAMPLE_PATTERN, PlaneLabel, plane_labels, planes_in_order
 from cadtof_cli.units import counted
 
 _CHANNEL_LABELS = "CS"
 
 _ONE_PLANE_PER_FILE = (
-    "; if each plane has a file of its own, give their names by [layout] pattern, such as "
-    '"{frame}_h{harmonic}_sc{channel}.tif"'
+    f'; if each plane has a file of its own, give their names by [layout] pattern, such as "{EXAMPLE_PATTERN}"'
 )
 
 

@@ -7,6 +7,7 @@ import click
 import pytest
 
 from cadtof_cli.cli import COMMANDS
+from cadtof_cli.commands.help import Command
 from cadtof_cli.simulation.scene.scenes import SCENES
 from tests.support.commands import every_command
 from tests.support.run_cadtof import ROOT, cadtof
@@ -18,6 +19,9 @@ def test_a_command_has_help(words: str) -> None:
     done = cadtof(*words.split(), "--help")
     assert (done.status, done.err) == (0, "")
     assert done.out.startswith(f"Usage: cadtof {words} ")
+    assert isinstance(command, Command | click.Group), (
+        f"{words}: cls=Command is missing, which notes options typed twice"
+    )
     assert command.help
     assert command.help.strip().partition("\n")[0].endswith(".")
     for option in (param for param in command.params if isinstance(param, click.Option)):

@@ -91,7 +91,7 @@ WITHOUT_EFFECT = [
 ]
 
 KEYS_WITHOUT_EFFECT: list[tuple[Form, str, str]] = [
-    ("exr", "[layout]\nframes = 3", "layout.frames has no effect: EXR files of this format are no stacks"),
+    ("exr", "[layout]\nframes = 3", "layout.frames has no effect: EXR files are no stacks"),
     (
         "tif",
         '[layout.raw]\ndtype = "uint16"\nshape = [2, 2, 24, 32]',

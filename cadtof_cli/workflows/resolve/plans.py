@@ -138,8 +138,8 @@ class CapturePlan:
         layout, optics = metadata.layout, metadata.optics
         form = format_by_suffix(self.typical.source.paths[0]) if self.typical else None
         if form is not None and layout.frames not in {None, 1} and (layout.pattern or not form.stacks):
-            what = "of one plane" if layout.pattern else "of this format"
-            yield "layout.frames", f"has no effect: {form.title} files {what} are no stacks"
+            of_plane = " of one plane" if layout.pattern else ""
+            yield "layout.frames", f"has no effect: {form.title} files{of_plane} are no stacks"
         if form is not None and layout.raw_shape and form is not RAW:
             yield "layout.raw_dtype and layout.raw_shape", f"have no effect on {form.title} files"
         named = dict(layout.harmonic or ())
