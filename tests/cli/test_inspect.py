@@ -280,6 +280,17 @@ def test_arrows_of_all_paths_end_at_the_recorded_phasor_and_ellipses_lie_in_the_
             assert np.abs(outline).max() < axes.get_xlim()[1]
 
 
+def test_the_arrow_of_a_tail_ends_at_the_recorded_phasor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[Figure] = []
+    monkeypatch.setattr(phasor_diagram, "save", lambda figure, *_, **__: drawn.append(figure))
+    found = _inspected(DATA / "corner", 60, 60, "-o", tmp_path / "a.png")
+    assert found["status"] == ["diffuse MPI"]
+    for axes, recorded in zip(drawn[0].axes, found["phasors"], strict=True):
+        _, direct, tail = [one for one in axes.texts if isinstance(one, Annotation)]
+        assert tail.xy == pytest.approx(recorded)
+        assert tail.xyann == pytest.approx(direct.xy)
+
+
 def test_arrows_of_triangle_waves_end_at_the_recorded_phasor_too(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

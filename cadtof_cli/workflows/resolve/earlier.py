@@ -107,11 +107,11 @@ def _holds_no_maps(file: Path, /) -> bool:
     from cadtof_cli.files.maps import NotMapsError, is_map_layer
 
     try:
-        return file.name != FRAMES_FILE and not any(map(is_map_layer, read_layers(file)))
+        return not any(map(is_map_layer, read_layers(file)))
     except NotMapsError:
         return True
     except FrameError:
-        # nobody can read it
+        # it cannot be read, or has no layers at all, such as `frames.jsonl`
         return False
 
 

@@ -15,8 +15,10 @@ from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
 from cadtof_cli.pipeline.frame import ResolvedFrame, resolve_frame
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.resolver.kernels import available_kernels
+from cadtof_cli.resolver.likelihood.mixture import Mixture
 from cadtof_cli.resolver.paths import ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths
+from cadtof_cli.resolver.response.more_harmonics import Recorded, found_paths, most_likely
 from cadtof_cli.resolver.response.table import ResponseBlock, response_block
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
@@ -114,6 +116,42 @@ def test_the_misfit_of_two_paths_is_chi_squared_whichever_harmonics_were_recorde
     # seldom a pair far from the true one fits as well
     assert np.median(found.chi_squared) == pytest.approx({2: 1.386, 4: 3.357}[freedom], rel=0.08)
     assert np.mean(found.chi_squared > {2: 9.21, 4: 13.28}[freedom]) < 0.03
+
+
+@pytest.mark.parametrize(
+    ("harmonics", "n_av", "most"),
+    [
+        # 2 % if the first start is from phasors with the terms beyond a sine
+        ((1, 2, 3), 1e5, 0.006),
+        # .4 % without the second start
+        ((1, 2, 4), 1e4, 0.001),
+    ],
+)
+def test_the_search_seldom_ends_in_a_worse_minimum_than_from_the_truth(
+    harmonics: tuple[int, ...], n_av: float, most: float
+) -> None:
+    rng, count, noise = np.random.default_rng(5), 6000, noise_of(harmonics, n_av)
+    responses = ideal_response(triangle(harmonics))
+    first = rng.uniform(0.0, 2.0 * np.pi, count)
+    delay = np.stack([first, first + rng.uniform(3.0, 20.0, count) * 2.0 * np.pi / 40.0])
+    amplitude = np.array([[1.0], [0.3]]) / 3.3 * np.ones(count)
+    drawn = noisy(light(responses, amplitude, delay), noise, 4)
+    recorded = Recorded(drawn, noise, response_block(responses, None))
+    best = most_likely(recorded, Mixture(amplitude, np.cos(delay), np.sin(delay)))
+    found = most_likely(recorded, found_paths(recorded, 2)[0])
+    assert np.mean(found.chi_squared > best.chi_squared + 1.0) < most
+
+
+def test_the_fall_off_of_one_path_is_the_signed_square_of_a_normal_deviate() -> None:
+    """At delay 0, the phasors of a triangle are longer than at most others: the weights must know it."""
+    harmonics, count = (1, 2, 3), 6000
+    responses, noise = ideal_response(triangle(harmonics)), noise_of(harmonics)
+    alone = light(responses, np.array([[0.02]]), np.zeros((1, count)))
+    recorded = Recorded(noisy(alone, noise, 17), noise, response_block(responses, None))
+    fall_off = most_likely(recorded, found_paths(recorded, 1)[0]).fall_off
+    assert fall_off is not None
+    assert np.abs(fall_off).mean() == pytest.approx(1.0, abs=0.08)
+    assert (fall_off > 0.0).mean() == pytest.approx(0.5, abs=0.03)
 
 
 @pytest.mark.parametrize("harmonics", [(1, 2, 3), (1, 2, 3, 4)])
