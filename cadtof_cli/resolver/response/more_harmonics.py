@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index
 from cadtof_cli.phasors.noise import NoiseModel
-from cadtof_cli.phasors.rotors import Rotor
+from cadtof_cli.phasors.rotors import Rotor, product, unit_rotor
 from cadtof_cli.resolver.kernels import contiguous
 from cadtof_cli.resolver.likelihood.k_paths import SEARCH, LikelyPaths, acceptable_misfit, likely_paths
 from cadtof_cli.resolver.likelihood.k_paths import found_paths as paths_of_sine
@@ -22,7 +22,7 @@ from cadtof_cli.resolver.likelihood.kernel import RESPONSE
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, equations_of, moved_paths
 from cadtof_cli.resolver.likelihood.normal_equations import Linearised
 from cadtof_cli.resolver.likelihood.solver import SURELY_MORE
-from cadtof_cli.resolver.likelihood.starts import exact_start, strongest_path
+from cadtof_cli.resolver.likelihood.starts import best_pair, exact_start, strongest_path
 from cadtof_cli.resolver.paths import Fit, Paths
 from cadtof_cli.resolver.response.as_sine import phasors_of_sine
 from cadtof_cli.resolver.response.table import ResponseBlock
@@ -67,6 +67,11 @@ class Recorded:
         """The phasors as the search needs them."""
         return Measured.of_phasors(self.phasors, harmonics=self.noise.harmonics)
 
+    @property
+    def weights(self) -> list[float]:
+        """The weight of each harmonic with white noise."""
+        return [1.0 / one.dark_variance for one in self.noise.each]
+
     def as_sine(self, paths: Mixture, /) -> Measured:
         """Return the phasors without the terms beyond a sine that light on these paths gives."""
         light = Paths(paths.amplitude, phase_of(paths.cos, paths.sin), np.zeros_like(paths.amplitude))
@@ -76,8 +81,8 @@ class Recorded:
     def searched(self, starts: Mixture, /) -> tuple[Mixture, Float]:
         """Return where a search with white noise ends, and the misfit there, (n,)."""
         weights = np.zeros((3, *self.phasors.shape))
-        for row, one in enumerate(self.noise.each):
-            weights[::2, row] = 1.0 / one.dark_variance
+        for row, weight in enumerate(self.weights):
+            weights[::2, row] = weight
         problem = ResponseFit(self.measured, weights, self.response)
         end = SEARCH.solve(problem, starts.points, samples=self.noise.samples)
         return Mixture.of_points(end.points), end.cost
@@ -88,24 +93,45 @@ def found_paths(recorded: Recorded, count: int, /) -> tuple[Mixture, Float]:
 
     One path starts from the best delay of a grid. For more paths, the phasors are freed of the terms beyond a sine, as if
     the light came on one path fewer, and the search starts from the paths that a sine would give then. Where the misfit is
-    one that noise seldom has, it starts again, in phasors freed of the terms of the paths just found.
+    one that noise seldom has, it starts again: in phasors freed of the terms of the paths just found, and for two paths
+    then from the mirrored pair, and from the best pair of a grid in phasors freed of the terms of the best pair so far.
     """
     noise = recorded.noise
     if count == 1:
-        weights = [1.0 / one.dark_variance for one in noise.each]
-        return recorded.searched(strongest_path(recorded.measured, weights=weights))
+        return recorded.searched(strongest_path(recorded.measured, weights=recorded.weights))
     fewer, _ = found_paths(recorded, count - 1)
     sine = recorded.as_sine(fewer)
     found, misfit = recorded.searched(exact_start(sine, paths=count) or paths_of_sine(sine, count, noise=noise)[0])
-    suspect = np.flatnonzero(misfit > acceptable_misfit(count, noise))
-    if suspect.size:
-        some, points = recorded[suspect], found.points
-        start, _ = paths_of_sine(some.as_sine(found[suspect]), count, noise=some.noise)
-        again, lower = some.searched(start)
-        better = lower < misfit[suspect]
-        points[:, suspect[better]], misfit[suspect[better]] = again.points[:, better], lower[better]
-        found = Mixture.of_points(points)
+    for other_start in (_of_freed_phasors, _mirrored, _best_of_grid) if count == 2 else (_of_freed_phasors,):
+        suspect = np.flatnonzero(misfit > acceptable_misfit(count, noise))
+        if suspect.size:
+            some, points = recorded[suspect], found.points
+            again, lower = some.searched(other_start(some, found[suspect]))
+            better = lower < misfit[suspect]
+            points[:, suspect[better]], misfit[suspect[better]] = again.points[:, better], lower[better]
+            found = Mixture.of_points(points)
     return found, misfit
+
+
+def _of_freed_phasors(recorded: Recorded, found: Mixture, /) -> Mixture:
+    """Return the paths of a sine, in phasors freed of the terms of the paths just found."""
+    return paths_of_sine(recorded.as_sine(found), len(found.amplitude), noise=recorded.noise)[0]
+
+
+def _mirrored(_recorded: Recorded, pair: Mixture, /) -> Mixture:
+    """Return the pair mirrored at the centre of its light.
+
+    If the paths of a pair are close, the mirrored pair has nearly the same phasors: the strong path comes after the weak
+    one instead of before it, but the sum of the light, its mean time and its spread are the same.
+    """
+    (a, b), (cos, cos_b), (sin, sin_b) = pair.amplitude, pair.cos, pair.sin
+    _, centre = unit_rotor(a * cos + b * cos_b, a * sin + b * sin_b)
+    return Mixture(pair.amplitude, *product(product(centre, centre), (pair.cos, -pair.sin)))
+
+
+def _best_of_grid(recorded: Recorded, pair: Mixture, /) -> Mixture:
+    """Return the best pair of a grid for a sine, in phasors freed of the terms of the pair just found."""
+    return best_pair(recorded.as_sine(pair), weights=recorded.weights)
 
 
 def most_likely(recorded: Recorded, found: Mixture, /) -> LikelyPaths:

@@ -119,22 +119,26 @@ def test_the_misfit_of_two_paths_is_chi_squared_whichever_harmonics_were_recorde
 
 
 @pytest.mark.parametrize(
-    ("harmonics", "n_av", "most"),
+    ("harmonics", "n_av", "weaker", "apart_ns", "most"),
     [
         # 2 % if the first start is from phasors with the terms beyond a sine
-        ((1, 2, 3), 1e5, 0.006),
+        ((1, 2, 3), 1e5, 0.3, (3.0, 20.0), 0.006),
         # .4 % without the second start
-        ((1, 2, 4), 1e4, 0.001),
+        ((1, 2, 4), 1e4, 0.3, (3.0, 20.0), 0.001),
+        # .7 % without the mirrored pair
+        ((1, 2, 3), 1e7, 0.7, (2.0, 8.0), 0.001),
+        # .13 % without the best pair of a grid
+        ((1, 2, 3), 1e7, 0.3, (3.0, 20.0), 0.0005),
     ],
 )
 def test_the_search_seldom_ends_in_a_worse_minimum_than_from_the_truth(
-    harmonics: tuple[int, ...], n_av: float, most: float
+    harmonics: tuple[int, ...], n_av: float, weaker: float, apart_ns: tuple[float, float], most: float
 ) -> None:
     rng, count, noise = np.random.default_rng(5), 6000, noise_of(harmonics, n_av)
     responses = ideal_response(triangle(harmonics))
     first = rng.uniform(0.0, 2.0 * np.pi, count)
-    delay = np.stack([first, first + rng.uniform(3.0, 20.0, count) * 2.0 * np.pi / 40.0])
-    amplitude = np.array([[1.0], [0.3]]) / 3.3 * np.ones(count)
+    delay = np.stack([first, first + rng.uniform(*apart_ns, count) * 2.0 * np.pi / 40.0])
+    amplitude = np.array([[1.0], [weaker]]) / 3.3 * np.ones(count)
     drawn = noisy(light(responses, amplitude, delay), noise, 4)
     recorded = Recorded(drawn, noise, response_block(responses, None))
     best = most_likely(recorded, Mixture(amplitude, np.cos(delay), np.sin(delay)))
