@@ -44,7 +44,7 @@ class _OnePathStep:
     """One Gauss–Newton step of n pixels, (n,) each.
 
     `growth` is the change of the amplitude, `turn` the change of amplitude × phase, `spread` the standard deviation of
-    that product. `chi_squared` is χ² after the step, `fall_off` is `OnePath.fall_off` before it.
+    that product. `chi_squared` and `fall_off` are those of `OnePath`, after the step.
     """
 
     growth: Float32
@@ -62,7 +62,7 @@ def _one_path_step(
     noise: NoiseModel,
 ) -> _OnePathStep:
     """Return one Gauss–Newton step. The equations of each harmonic are turned so that its answer is real."""
-    n11, n12, n22, g1, g2, chi, shorter, variance = (np.zeros_like(amplitude) for _ in range(8))
+    n11, n12, n22, g1, g2, chi, shorter, bend, variance = (np.zeros_like(amplitude) for _ in range(9))
     for row, harmonic in enumerate(noise.each):
         f = response.at(row, phase)
         re, im = observed[row]
@@ -80,9 +80,12 @@ def _one_path_step(
         g2 += slope_re * left_re * w_along + slope_im * left_im * w_across
         chi += left_re * left_re * w_along + left_im * left_im * w_across
         shorter += (left_re if row == 0 else -left_re) / modulus
+        bend += (slope_re if row == 0 else -slope_re) / modulus
         variance += along / (modulus * modulus)
     scale: Float32 = np.reciprocal(n11 * n22 - n12 * n12)
     growth, turn = (n22 * g1 - n12 * g2) * scale, (n11 * g2 - n12 * g1) * scale
+    # the growth changes what is left of both harmonics, over their moduli, alike; the turn does not
+    shorter -= turn * bend
     fall_off = shorter * np.abs(shorter) / variance
     return _OnePathStep(growth, turn, np.sqrt(n11 * scale), chi - growth * g1 - turn * g2, fall_off)
 
