@@ -23,6 +23,13 @@ from tests.support.captures import write_maps
 
 LAYOUT = FrameLayout(harmonics=(1, 2))
 
+IN_ANOTHER_FILE = (
+    '<?xml version="1.0"?><OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06"><Image ID="Image:0">'
+    '<Pixels ID="Pixels:0" DimensionOrder="XYCZT" Type="uint16" SizeX="9" SizeY="6" SizeC="4" SizeZ="1" SizeT="1">'
+    '<TiffData IFD="0" PlaneCount="4"><UUID FileName="frame_0.tif">urn:uuid:0</UUID></TiffData></Pixels></Image></OME>'
+)
+"""OME metadata by which all planes are in one of the files; it is the same in all of them."""
+
 Result = TypeVar("Result")
 
 
@@ -69,6 +76,16 @@ def test_frames_of_a_recording_are_read_as_if_each_were_alone(form: str, dtype: 
         found = read(path)
         assert found == afresh(partial(read, path))
         assert found[-1] == frame(number, dtype).astype(np.dtype(dtype).newbyteorder("=")).tobytes()
+
+
+def test_planes_that_lie_in_another_file_are_looked_for_there_in_every_file(tmp_path: Path) -> None:
+    for number in range(3):
+        path = tmp_path / f"frame_{number}.tif"
+        tifffile.imwrite(path, frame(number), metadata=None, photometric="minisblack", description=IN_ANOTHER_FILE)
+    for number in (0, 1, 2, 0):
+        path = tmp_path / f"frame_{number}.tif"
+        assert read(path) == afresh(partial(read, path))
+    assert "spreads it over several files" in read(path.with_name("frame_1.tif"))[0]
 
 
 def series(folder: Path) -> tuple[Path, Path]:

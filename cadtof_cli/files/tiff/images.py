@@ -41,7 +41,8 @@ class TiffImages:
                 series = alike_series(path, self._tiff)
                 page = series[0].keyframe
                 self.dtype: np.dtype[Any] = np.dtype(page.dtype).newbyteorder("=")
-                self._described_beside = series[0].kind == "ndtiff"
+                names_files = "FileName=" in (self._tiff.ome_metadata or "")
+                self._described_beside = names_files or series[0].kind == "ndtiff"
                 self._planes = planes = planes_of(path, series)
                 self.labels, self.sizes, self.plane_shape = planes.labels, planes.sizes, planes.plane_shape
                 self.names = names_of_planes(self._tiff, series, self.labels, self.sizes)
@@ -84,7 +85,8 @@ class TiffImages:
         """Return the envelope around these planes.
 
         None: the planes do not lie in one run, in this order and in native byte order; or the envelope is too large; or
-        another file (an NDTiff index) says which plane is which, because it may say something else for the next file.
+        another file (an NDTiff index, one that OME metadata name) says which plane is which, because it may say something
+        else for the next file.
         """
         start = None if self._described_beside else self._planes.native_run(indices)
         size = indices.size * math.prod(self.plane_shape) * self.dtype.itemsize
