@@ -175,7 +175,7 @@ IMPOSSIBLE: list[tuple[Make, str]] = [
     (lambda: Condition(asr=1.0, mpi_ratio=-1e-9), "MPI ratio: found -1e-09"),
     (lambda: Condition(asr=1.0, mpi_ratio=0.0, fwhm_ns=-1e-9), "pulse width: found -1e-09 ns"),
     (lambda: Condition(asr=1.0, mpi_ratio=0.0, direct_ns=-1e-9).mix(40.0), "direct: found -1e-09 ns"),
-    (lambda: Condition(asr=1.0, mpi_ratio=0.0, second_ns=40.0).mix(40.0), "second: found 40 ns"),
+    (lambda: Condition(asr=1.0, mpi_ratio=1.0, second_ns=40.0).mix(40.0), "second: found 40 ns"),
     (lambda: mix(jitter_ns=-1e-9), "jitter: found -1e-09 ns"),
     (lambda: mix(fwhm_ns=1e308), "pulse width: found 1e[+]308 ns, expected 0 to 1e9 ns"),
     (lambda: mix(fwhm_ns=-1e-9), "pulse width: found -1e-09 ns"),

@@ -123,10 +123,11 @@ class Condition:
     def mix(self, period_ns: float) -> PhotonMix:
         """Return the photons of one pixel, without pixel axes; raise SettingsError if a path comes too early or late."""
         require(0 <= self.direct_ns < period_ns, "direct", f"{self.direct_ns:g} ns", f"0 to less than {period_ns:g} ns")
-        for name, time_ns in zip(("second", *("path" for _ in self.further)), self.times_ns[1:], strict=True):
+        names = ("second", *("path" for _ in self.further))
+        for name, ratio, time_ns in zip(names, self.ratios[1:], self.times_ns[1:], strict=True):
             separation = time_ns - self.direct_ns
             require(
-                separation > 0 and time_ns < period_ns,
+                (ratio == 0 and math.isfinite(time_ns)) or (separation > 0 and time_ns < period_ns),
                 name,
                 f"{time_ns:g} ns, a separation of {separation:g} ns",
                 f"a time after the direct {self.direct_ns:g} ns and before the period's end at {period_ns:g} ns",
