@@ -2,7 +2,7 @@
 
 Arctangents of C libraries and of numpy's vectorised loops differ in their last bits. Sums and products of IEEE 754 do
 not differ, so phases are computed from sums and products alone. A division is not needed, because the parts of a rotor
-are its cosine and sine. `_kernel_paths.h` has the same operations in the same order.
+are its cosine and sine. `_arcsine.h` has the same operations in the same order.
 """
 
 import numpy as np
