@@ -5,7 +5,7 @@ equations. The search here minimises their misfit, as `likelihood/` does for a s
 and their derivatives in place of exp(ihx).
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
@@ -16,10 +16,10 @@ from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.rotors import Rotor, product, unit_rotor
 from cadtof_cli.resolver.kernels import contiguous
-from cadtof_cli.resolver.likelihood.k_paths import SEARCH, LikelyPaths, acceptable_misfit, likely_paths
+from cadtof_cli.resolver.likelihood.k_paths import SEARCH, LikelyPaths, acceptable_misfit, likely_paths, with_a_pair
 from cadtof_cli.resolver.likelihood.k_paths import found_paths as paths_of_sine
 from cadtof_cli.resolver.likelihood.kernel import RESPONSE
-from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, equations_of, moved_paths
+from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, WhiteFit, equations_of, moved_paths
 from cadtof_cli.resolver.likelihood.normal_equations import Linearised
 from cadtof_cli.resolver.likelihood.solver import SURELY_MORE
 from cadtof_cli.resolver.likelihood.starts import best_pair, exact_start, strongest_path
@@ -93,16 +93,14 @@ def found_paths(recorded: Recorded, count: int, /) -> tuple[Mixture, Float]:
 
     One path starts from the best delay of a grid. For more paths, the phasors are freed of the terms beyond a sine, as if
     the light came on one path fewer, and the search starts from the paths that a sine would give then. Where the misfit is
-    one that noise seldom has, it starts again: in phasors freed of the terms of the paths just found, and for two paths
-    then from the mirrored pair, and from the best pair of a grid in phasors freed of the terms of the best pair so far.
+    one that noise seldom has, it starts again, from `_other_starts`.
     """
     noise = recorded.noise
     if count == 1:
         return recorded.searched(strongest_path(recorded.measured, weights=recorded.weights))
     fewer, _ = found_paths(recorded, count - 1)
-    sine = recorded.as_sine(fewer)
-    found, misfit = recorded.searched(exact_start(sine, paths=count) or paths_of_sine(sine, count, noise=noise)[0])
-    for other_start in (_of_freed_phasors, _mirrored, _best_of_grid) if count == 2 else (_of_freed_phasors,):
+    found, misfit = recorded.searched(_quick_start(recorded.as_sine(fewer), count, noise))
+    for other_start in _other_starts(count, len(noise.each)):
         suspect = np.flatnonzero(misfit > acceptable_misfit(count, noise))
         if suspect.size:
             some, points = recorded[suspect], found.points
@@ -113,25 +111,47 @@ def found_paths(recorded: Recorded, count: int, /) -> tuple[Mixture, Float]:
     return found, misfit
 
 
+def _quick_start(sine: Measured, count: int, noise: NoiseModel) -> Mixture:
+    """Return the paths of a sine: the exact answer of the first harmonics, or without these the paths that fit best."""
+    return exact_start(sine, paths=count) or paths_of_sine(sine, count, noise=noise)[0]
+
+
+def _other_starts(count: int, harmonics: int) -> list[Callable[[Recorded, Mixture], Mixture]]:
+    """Return the functions that give further starts, from the paths just found.
+
+    As many paths as harmonics may have several exact answers. Then nothing tells which one is right, and no other start
+    finds a better one.
+    """
+    if count == harmonics:
+        return [_of_freed_phasors]
+    return [_of_freed_phasors, _mirrored, *[_of_grid] * (count <= 3), *[_as_recorded] * (count > 2)]
+
+
 def _of_freed_phasors(recorded: Recorded, found: Mixture, /) -> Mixture:
     """Return the paths of a sine, in phasors freed of the terms of the paths just found."""
     return paths_of_sine(recorded.as_sine(found), len(found.amplitude), noise=recorded.noise)[0]
 
 
-def _mirrored(_recorded: Recorded, pair: Mixture, /) -> Mixture:
-    """Return the pair mirrored at the centre of its light.
+def _mirrored(_recorded: Recorded, found: Mixture, /) -> Mixture:
+    """Return the paths mirrored at the centre of their light.
 
-    If the paths of a pair are close, the mirrored pair has nearly the same phasors: the strong path comes after the weak
-    one instead of before it, but the sum of the light, its mean time and its spread are the same.
+    If the paths are close, the mirrored ones have nearly the same phasors: a strong path comes after a weak one instead
+    of before it, but the sum of the light, its mean time and its spread are the same.
     """
-    (a, b), (cos, cos_b), (sin, sin_b) = pair.amplitude, pair.cos, pair.sin
-    _, centre = unit_rotor(a * cos + b * cos_b, a * sin + b * sin_b)
-    return Mixture(pair.amplitude, *product(product(centre, centre), (pair.cos, -pair.sin)))
+    _, centre = unit_rotor(*found.phasors((1,)))
+    return Mixture(found.amplitude, *product(product(centre, centre), (found.cos, -found.sin)))
 
 
-def _best_of_grid(recorded: Recorded, pair: Mixture, /) -> Mixture:
-    """Return the best pair of a grid for a sine, in phasors freed of the terms of the pair just found."""
-    return best_pair(recorded.as_sine(pair), weights=recorded.weights)
+def _of_grid(recorded: Recorded, found: Mixture, /) -> Mixture:
+    """Return the best pair of a grid for a sine, for three paths beside the strongest one, in phasors freed of the terms
+    of the paths just found."""
+    white = WhiteFit(recorded.as_sine(found), tuple(recorded.weights))
+    return best_pair(white.measured, weights=white.weights) if len(found.amplitude) == 2 else with_a_pair(white, 1.0)
+
+
+def _as_recorded(recorded: Recorded, found: Mixture, /) -> Mixture:
+    """Return the paths that a sine would give."""
+    return _quick_start(recorded.measured, len(found.amplitude), recorded.noise)
 
 
 def most_likely(recorded: Recorded, found: Mixture, /) -> LikelyPaths:
