@@ -104,7 +104,7 @@ def _separate_paths(
     if response is not None:
         from cadtof_cli.resolver.response.other_pairs import widen
 
-        widen(fit, phasors, noise=noise, response=response)
+        widen(fit, phasors, noise=noise, response=response, settings=settings)
     return fit
 
 

@@ -5,8 +5,9 @@
 #define MOVES 16
 #define SURE_MOVES 3
 
-/* Constants that all pixels share: those of the search up to PER_STEP, then the ratio of harmonic 2, and MOVE. */
-enum { RATIO = PER_STEP + 1, MOVE, FOLLOW_CONSTANTS };
+/* Constants that all pixels share: those of the search up to PER_STEP, then the ratio of harmonic 2, MOVE, and the rule of
+ * the direct path. */
+enum { RATIO = PER_STEP + 1, MOVE, LEAST_RATIO, SIGN, FOLLOW_CONSTANTS };
 
 typedef struct {
     const float *constants;
@@ -23,7 +24,7 @@ typedef struct {
 /* The answers of both harmonics to two paths, path 0 the one that is moved, and what is known of the pixels. */
 typedef struct {
     Side side[2];
-    FloatRow phasor[4], phase_rad[2], per_variance, found[2], sigma[2], farthest[2], at, misfit, plausible, step, usual, going;
+    FloatRow phasor[4], phase_rad[2], per_variance, found[2], sigma[2], farthest[2], at, misfit, amplitude[2], step, usual, going;
 } FollowGroup;
 
 /* newton.py: ResponseBlock.at, at both harmonics; Recorded.answers */
@@ -83,7 +84,8 @@ INLINE void fit_beside(FollowGroup *restrict g) {
         step = step < -0.4f ? -0.4f : step;
         step = step > 0.4f ? 0.4f : step;
         g->misfit[i] = dot(seen, seen) * g->per_variance[i];
-        g->plausible[i] = (amplitude > 0.0f) & (beside > 0.0f) ? 1.0f : 0.0f;
+        g->amplitude[0][i] = beside;
+        g->amplitude[1][i] = amplitude;
         g->step[i] = step;
     }
 }
@@ -91,28 +93,35 @@ INLINE void fit_beside(FollowGroup *restrict g) {
 /* other_pairs.py: the loop over MOVES in `reach`. A pixel that does not go on stays as it is. */
 INLINE void follow_to_side(FollowGroup *restrict g, const Follow *restrict follow, int moved, float side) {
     const int other = 1 - moved;
-    const float length = follow->constants[MOVE];
+    const float length = follow->constants[MOVE], least = follow->constants[LEAST_RATIO], sign = follow->constants[SIGN];
     EACH_PIXEL {
         const float per_sigma = length / g->sigma[moved][i];
         g->usual[i] = per_sigma * per_sigma * 0.5f;
         g->at[i] = g->found[other][i];
     }
     for (int number = 1; number <= MOVES; number++) {
-        const float turn = (float)number * (side * length), move = (float)number * length, square = (float)(number * number);
+        const float turn = (float)number * (side * length), square = (float)(number * number);
         FloatRow phase;
         EACH_PIXEL phase[i] = g->found[moved][i] + turn;
         answers(g, follow, 0, phase);
         answers(g, follow, 1, g->at);
         fit_beside(g);
+        const float *restrict direct = g->amplitude[moved], *restrict mpi = g->amplitude[other];
         int32_t going = 0;
         EACH_PIXEL {
             g->at[i] = g->at[i] + g->step[i];
-            const int alike = (g->plausible[i] > 0.0f) & (g->misfit[i] < 9.0f) & (fabsf(g->step[i]) < 0.15f);
+            const int alike = (direct[i] > 0.0f) & (mpi[i] > 0.0f) & (g->misfit[i] < 9.0f) & (fabsf(g->step[i]) < 0.15f);
             const int counts = alike & (g->going[i] > 0.0f);
-            const float root = sqrtf(larger(g->misfit[i], 1.0f));
-            const float sigma = move / root, sigma_of_other = fabsf(g->at[i] - g->found[other][i]) / root;
-            g->farthest[moved][i] = counts & (sigma > g->farthest[moved][i]) ? sigma : g->farthest[moved][i];
-            g->farthest[other][i] = counts & (sigma_of_other > g->farthest[other][i]) ? sigma_of_other : g->farthest[other][i];
+            /* Rule.errors */
+            const float other_by = g->at[i] - g->found[other][i], gap = g->found[1][i] - g->found[0][i];
+            const float direct_by = moved ? other_by : turn, mpi_by = moved ? turn : other_by;
+            const float order = (gap + mpi_by - direct_by) * sign;
+            const int swapped = (direct[i] < least * mpi[i]) | ((mpi[i] >= least * direct[i]) & (order < 0.0f));
+            const float root = sqrtf(larger(g->misfit[i], 3.0f));
+            const float error = fabsf(swapped ? gap + mpi_by : direct_by) / root;
+            const float error_of_mpi = fabsf(swapped ? direct_by - gap : mpi_by) / root;
+            g->farthest[0][i] = counts & (error > g->farthest[0][i]) ? error : g->farthest[0][i];
+            g->farthest[1][i] = counts & (error_of_mpi > g->farthest[1][i]) ? error_of_mpi : g->farthest[1][i];
             const int goes_on = (number < SURE_MOVES) | alike | (g->misfit[i] < square * g->usual[i]);
             g->going[i] = goes_on ? g->going[i] : 0.0f;
             going |= g->going[i] > 0.0f;

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from cadtof_cli.arrays import Float32
 from cadtof_cli.resolver.kernels import NUMPY
-from cadtof_cli.resolver.response.other_pairs import Recorded, reached
+from cadtof_cli.resolver.response.other_pairs import Recorded, Rule, reached
 from cadtof_cli.resolver.response.table import ENTRIES
 from tests.resolver.compiled import assert_refused, compiled_kernels
 from tests.resolver.response.phasors import COUNT, NOISE, block, paths, recorded
@@ -23,23 +23,27 @@ from tests.support.kernels import by_kernel
 pytestmark = pytest.mark.usefixtures("compiled")
 
 
-def assert_same_bits(seen: Recorded, phase_rad: Float32, sigma_rad: Float32) -> Float32:
+RULES = [Rule(np.float32(ratio), np.float32(sign)) for ratio, sign in ((0.1, 1.0), (1.0, 1.0), (0.2, -1.0))]
+
+
+def assert_same_bits(seen: Recorded, phase_rad: Float32, sigma_rad: Float32, rule: Rule = RULES[0]) -> Float32:
     with np.errstate(all="ignore"):
-        expected = by_kernel(NUMPY, reached, seen, phase_rad, sigma_rad)
+        expected = by_kernel(NUMPY, reached, seen, phase_rad, sigma_rad, rule)
         for kernel in compiled_kernels():
-            found = by_kernel(kernel, reached, seen, phase_rad, sigma_rad)
+            found = by_kernel(kernel, reached, seen, phase_rad, sigma_rad, rule)
             np.testing.assert_array_equal(found.view(np.uint32), expected.view(np.uint32), err_msg=kernel)
     return expected
 
 
+@pytest.mark.parametrize("rule", RULES)
 @pytest.mark.parametrize("phases", [False, True])
 @pytest.mark.parametrize("apart", [0.4, 0.9, 3.0])
-def test_pairs_reach_as_far_to_the_bit(phases: bool, apart: float) -> None:
+def test_pairs_reach_as_far_to_the_bit(rule: Rule, phases: bool, apart: float) -> None:
     """Close paths reach far, and paths that are far apart do not."""
     response, true = block(phases=phases), paths(1)
     true[3] = true[1] + np.float32(apart)
     seen = Recorded.of(response, recorded(true, response), NOISE)
-    found = assert_same_bits(seen, true[1::2], np.full((2, COUNT), 0.01, np.float32))
+    found = assert_same_bits(seen, true[1::2], np.full((2, COUNT), 0.01, np.float32), rule)
     assert (found > 0.0).mean() > (0.5 if apart < 1.0 and not phases else 0.005)
 
 
@@ -64,7 +68,7 @@ def test_a_pixel_reaches_as_far_in_a_block_of_any_size(count: int) -> None:
 
 
 PIXELS = 37
-SIZES = (7, 4 * ENTRIES, 4 * ENTRIES, 2 * PIXELS, 4 * PIXELS, PIXELS, 2 * PIXELS, 2 * PIXELS, 2 * PIXELS)
+SIZES = (9, 4 * ENTRIES, 4 * ENTRIES, 2 * PIXELS, 4 * PIXELS, PIXELS, 2 * PIXELS, 2 * PIXELS, 2 * PIXELS)
 """Numbers of values: constants, two tables, phases, phasors, per variance, found, sigma, farthest."""
 
 PHASES = 3
