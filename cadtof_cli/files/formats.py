@@ -213,10 +213,10 @@ def detect_format(path: Path, /, *, raw: bool = False) -> Format:
     known = next((one for one in FORMATS if head.startswith(one.magics)), None)
     if known is not None:
         return known
-    if head.startswith(b"MATLAB "):
-        from cadtof_cli.files.matlab import matlab_refusal
+    from cadtof_cli.files.named_arrays import named_arrays_refusal
 
-        raise matlab_refusal(path, head)
+    if refusal := named_arrays_refusal(path, head):
+        raise refusal
     found = f"a file of another kind (first bytes {head[:4].hex(' ')})" if head else "an empty file"
     titles = ", ".join(one.title for one in FORMATS if one.magics)
     hint = ""
