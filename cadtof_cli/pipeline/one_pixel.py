@@ -14,6 +14,7 @@ from cadtof_cli.resolver.diffuse.net_pixels import freed_pixels
 from cadtof_cli.resolver.order import move_and_limit, with_direct_first, worth_another
 from cadtof_cli.resolver.paths import Fit, Paths, ResolvedPaths
 from cadtof_cli.resolver.resolve import solver_for
+from cadtof_cli.resolver.response.other_pairs import widen
 from cadtof_cli.resolver.status import StatusBit
 
 
@@ -86,7 +87,13 @@ def pixel_evidence(pixels: FramePixels, index: int, stages: FrameStages, /) -> P
     free, nets = (phasors, None) if tail is None or response else freed_pixels(phasors, tail, first=index)
     fits = {count: _fit(free, count, pixel, stages) for count in (1, 2)}
     one, two = fits[1], fits[2]
+    metres = float(np.ravel(stages.depth.metres(pixel.here))[0])
     answered_by_tail = bool(resolved.status[0] & StatusBit.DIFFUSE_MPI)
+    asked = stages.plan.resolver.order == "auto" and stages.plan.resolver.max_paths > 1
+    test = _order_test(one, two, stages, pixel.noise, metres) if asked and one and two else None
+    if two is not None and response is not None:
+        # after the test, as in the driver
+        widen(two, free, noise=pixel.noise, response=response.block(pixel.here), settings=stages.plan.resolver)
     extra = tail.separate_variance if tail and not answered_by_tail else 0.0
     if nets is not None:
         extra = float(nets.variance(extra)[0])
@@ -95,15 +102,13 @@ def pixel_evidence(pixels: FramePixels, index: int, stages: FrameStages, /) -> P
         for count, fit in fits.items()
         if fit is not None
     }
-    metres = float(np.ravel(stages.depth.metres(pixel.here))[0])
-    asked = stages.plan.resolver.order == "auto" and stages.plan.resolver.max_paths > 1
     return PixelEvidence(
         phasors[:, 0],
         _covariance(phasors, resolved.paths, pixel.noise),
         pixel.noise,
         None if one is None else (numbers[1][0], float(one.chi_squared[0])),
         None if two is None else (numbers[2][0], numbers[2][1]),
-        _order_test(one, two, stages, pixel.noise, metres) if asked and one and two else None,
+        test,
         resolved,
         _phasors_of_paths(phasors, resolved, pixel, stages),
         metres,
