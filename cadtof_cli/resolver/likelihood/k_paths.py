@@ -108,7 +108,7 @@ def found_paths(measured: Measured, count: int, /, *, noise: NoiseModel) -> tupl
     if count == 3 and measured.harmonics[:3] != (1, 2, 3):
         for share in (1.0, 0.5):
             suspect = np.flatnonzero(cost > acceptable)
-            _improve(white, with_a_pair(white[suspect], share), suspect, points, cost, noise)
+            _improve(white, _with_a_pair(white[suspect], share), suspect, points, cost, noise)
     return Mixture.of_points(points), cost
 
 
@@ -119,7 +119,7 @@ def acceptable_misfit(count: int, noise: NoiseModel, /) -> Float | float:
     return acceptable if noise.samples is None else acceptable / noise.samples
 
 
-def with_a_pair(white: WhiteFit, share: float, /) -> Mixture:
+def _with_a_pair(white: WhiteFit, share: float) -> Mixture:
     """Return a share of the strongest path, and the pair that explains most of the rest."""
     path = strongest_path(white.measured, weights=white.weights)
     path = replace(path, amplitude=share * path.amplitude)

@@ -5,8 +5,11 @@ equations. The search here minimises their misfit, as `likelihood/` does for a s
 and their derivatives in place of exp(ihx).
 """
 
+import itertools
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -14,19 +17,25 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index
 from cadtof_cli.phasors.noise import NoiseModel
-from cadtof_cli.phasors.rotors import Rotor, product, unit_rotor
+from cadtof_cli.phasors.rotors import Rotor
 from cadtof_cli.resolver.kernels import contiguous
-from cadtof_cli.resolver.likelihood.k_paths import SEARCH, LikelyPaths, acceptable_misfit, likely_paths, with_a_pair
+from cadtof_cli.resolver.likelihood.k_paths import SEARCH, LikelyPaths, acceptable_misfit, likely_paths
 from cadtof_cli.resolver.likelihood.k_paths import found_paths as paths_of_sine
 from cadtof_cli.resolver.likelihood.kernel import RESPONSE
-from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, WhiteFit, equations_of, moved_paths
+from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, equations_of, moved_paths
 from cadtof_cli.resolver.likelihood.normal_equations import Linearised
 from cadtof_cli.resolver.likelihood.solver import SURELY_MORE
-from cadtof_cli.resolver.likelihood.starts import best_pair, exact_start, strongest_path
+from cadtof_cli.resolver.likelihood.starts import exact_start, strongest_path
 from cadtof_cli.resolver.paths import Fit, Paths
 from cadtof_cli.resolver.response.as_sine import phasors_of_sine
 from cadtof_cli.resolver.response.table import ResponseBlock
 from cadtof_cli.resolver.two_path.arcsine import phase_of
+
+SHARES = (0.7, 0.3)
+"""Shares of the light of a path that the first of two near paths gets, when the path is split into them."""
+
+DISTANCES_RAD = tuple(math.pi / 16.0 * steps for steps in (1, 2, 3, 4, 6, 8))
+"""Distances of two such paths, from a 32nd to a quarter of the longest period."""
 
 
 class ResponseLikelihood:
@@ -93,65 +102,56 @@ def found_paths(recorded: Recorded, count: int, /) -> tuple[Mixture, Float]:
 
     One path starts from the best delay of a grid. For more paths, the phasors are freed of the terms beyond a sine, as if
     the light came on one path fewer, and the search starts from the paths that a sine would give then. Where the misfit is
-    one that noise seldom has, it starts again, from `_other_starts`.
+    one that noise seldom has, it starts again, from `_other_starts`: near paths have several minima.
     """
     noise = recorded.noise
     if count == 1:
         return recorded.searched(strongest_path(recorded.measured, weights=recorded.weights))
     fewer, _ = found_paths(recorded, count - 1)
-    found, misfit = recorded.searched(_quick_start(recorded.as_sine(fewer), count, noise))
+    sine = recorded.as_sine(fewer)
+    found, misfit = recorded.searched(exact_start(sine, paths=count) or paths_of_sine(sine, count, noise=noise)[0])
     for other_start in _other_starts(count, len(noise.each)):
         suspect = np.flatnonzero(misfit > acceptable_misfit(count, noise))
         if suspect.size:
             some, points = recorded[suspect], found.points
-            again, lower = some.searched(other_start(some, found[suspect]))
+            again, lower = some.searched(other_start(some, found[suspect], fewer[suspect]))
             better = lower < misfit[suspect]
             points[:, suspect[better]], misfit[suspect[better]] = again.points[:, better], lower[better]
             found = Mixture.of_points(points)
     return found, misfit
 
 
-def _quick_start(sine: Measured, count: int, noise: NoiseModel) -> Mixture:
-    """Return the paths of a sine: the exact answer of the first harmonics, or without these the paths that fit best."""
-    return exact_start(sine, paths=count) or paths_of_sine(sine, count, noise=noise)[0]
-
-
-def _other_starts(count: int, harmonics: int) -> list[Callable[[Recorded, Mixture], Mixture]]:
-    """Return the functions that give further starts, from the paths just found.
+def _other_starts(count: int, harmonics: int) -> list[Callable[[Recorded, Mixture, Mixture], Mixture]]:
+    """Return the functions that give further starts, from the paths just found and from one path fewer.
 
     As many paths as harmonics may have several exact answers. Then nothing tells which one is right, and no other start
     finds a better one.
     """
     if count == harmonics:
         return [_of_freed_phasors]
-    return [_of_freed_phasors, _mirrored, *[_of_grid] * (count <= 3), *[_as_recorded] * (count > 2)]
+    split = itertools.product(SHARES, DISTANCES_RAD, range(count - 1))
+    return [_of_freed_phasors, *(partial(_split, row, share, distance) for share, distance, row in split)]
 
 
-def _of_freed_phasors(recorded: Recorded, found: Mixture, /) -> Mixture:
+def _of_freed_phasors(recorded: Recorded, found: Mixture, _fewer: Mixture, /) -> Mixture:
     """Return the paths of a sine, in phasors freed of the terms of the paths just found."""
     return paths_of_sine(recorded.as_sine(found), len(found.amplitude), noise=recorded.noise)[0]
 
 
-def _mirrored(_recorded: Recorded, found: Mixture, /) -> Mixture:
-    """Return the paths mirrored at the centre of their light.
+def _split(
+    row: int, share: float, distance_rad: float, _recorded: Recorded, _found: Mixture, fewer: Mixture, /
+) -> Mixture:
+    """Return one path fewer, of which the one in `row` is split into two that keep its light and its mean delay.
 
-    If the paths are close, the mirrored ones have nearly the same phasors: a strong path comes after a weak one instead
-    of before it, but the sum of the light, its mean time and its spread are the same.
+    The first of the two has this share of the light, and comes this distance before the second.
     """
-    _, centre = unit_rotor(*found.phasors((1,)))
-    return Mixture(found.amplitude, *product(product(centre, centre), (found.cos, -found.sin)))
-
-
-def _of_grid(recorded: Recorded, found: Mixture, /) -> Mixture:
-    """Return the best pair of a grid for a sine, for three paths beside the strongest one, in phasors freed of the terms
-    of the paths just found."""
-    white = WhiteFit(recorded.as_sine(found), tuple(recorded.weights))
-    return best_pair(white.measured, weights=white.weights) if len(found.amplitude) == 2 else with_a_pair(white, 1.0)
-
-
-def _as_recorded(recorded: Recorded, found: Mixture, /) -> Mixture:
-    """Return the paths that a sine would give."""
-    return _quick_start(recorded.measured, len(found.amplitude), recorded.noise)
+    cos, sin, pieces = fewer.cos[row], fewer.sin[row], []
+    for part, by_rad in ((share, (share - 1.0) * distance_rad), (1.0 - share, share * distance_rad)):
+        c, s = math.cos(by_rad), math.sin(by_rad)
+        pieces.append((part * fewer.amplitude[row], cos * c - sin * s, sin * c + cos * s))
+    points = np.stack((fewer.amplitude, fewer.cos, fewer.sin))
+    points[:, row] = pieces[0]
+    return Mixture(*np.concatenate((points, np.stack(pieces[1])[:, np.newaxis]), axis=1))
 
 
 def most_likely(recorded: Recorded, found: Mixture, /) -> LikelyPaths:
