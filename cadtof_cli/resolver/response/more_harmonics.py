@@ -5,6 +5,8 @@ equations. The search here minimises their misfit, as `likelihood/` does for a s
 and their derivatives in place of exp(ihx).
 """
 
+import itertools
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
@@ -27,6 +29,12 @@ from cadtof_cli.resolver.paths import Fit, Paths
 from cadtof_cli.resolver.response.as_sine import phasors_of_sine
 from cadtof_cli.resolver.response.table import ResponseBlock
 from cadtof_cli.resolver.two_path.arcsine import phase_of
+
+SHARES = (0.7, 0.3)
+"""Shares of the light of a path that the first of two near paths gets, when the path is split into them."""
+
+DISTANCES_RAD = tuple(math.pi / 16.0 * steps for steps in (1, 2, 3, 4, 6, 8))
+"""Distances of two such paths, from a 32nd to a quarter of the longest period."""
 
 
 class ResponseLikelihood:
@@ -88,7 +96,8 @@ def found_paths(recorded: Recorded, count: int, /) -> tuple[Mixture, Float]:
 
     One path starts from the best delay of a grid. For more paths, the phasors are freed of the terms beyond a sine, as if
     the light came on one path fewer, and the search starts from the paths that a sine would give then. Where the misfit is
-    one that noise seldom has, it starts again, in phasors freed of the terms of the paths just found.
+    one that noise seldom has, it starts again, in phasors freed of the terms of the paths just found; then from one path
+    fewer, one of which is split into two. Near paths have several minima, and freed phasors often lead into a wrong one.
     """
     noise = recorded.noise
     if count == 1:
@@ -97,15 +106,44 @@ def found_paths(recorded: Recorded, count: int, /) -> tuple[Mixture, Float]:
     fewer, _ = found_paths(recorded, count - 1)
     sine = recorded.as_sine(fewer)
     found, misfit = recorded.searched(exact_start(sine, paths=count) or paths_of_sine(sine, count, noise=noise)[0])
-    suspect = np.flatnonzero(misfit > acceptable_misfit(count, noise))
+    points, acceptable = found.points, np.broadcast_to(acceptable_misfit(count, noise), misfit.shape)
+    suspect = np.flatnonzero(misfit > acceptable)
     if suspect.size:
-        some, points = recorded[suspect], found.points
+        some = recorded[suspect]
         start, _ = paths_of_sine(some.as_sine(found[suspect]), count, noise=some.noise)
-        again, lower = some.searched(start)
-        better = lower < misfit[suspect]
-        points[:, suspect[better]], misfit[suspect[better]] = again.points[:, better], lower[better]
-        found = Mixture.of_points(points)
-    return found, misfit
+        _improve(recorded, start, suspect, points, misfit)
+        for start in split_paths(fewer[suspect]):
+            left = np.flatnonzero(misfit[suspect] > acceptable[suspect])
+            _improve(recorded, start[left], suspect[left], points, misfit)
+    return Mixture.of_points(points), misfit
+
+
+def split_paths(paths: Mixture, /) -> Iterator[Mixture]:
+    """Yield the paths with one of them split into two, which keep its light and its mean delay: each path in turn, by
+    each of `SHARES` and `DISTANCES_RAD`."""
+    for share, distance_rad in itertools.product(SHARES, DISTANCES_RAD):
+        for row, amplitude in enumerate(paths.amplitude):
+            first, second = (
+                (part * amplitude, *_turned(paths.cos[row], paths.sin[row], by_rad * distance_rad))
+                for part, by_rad in ((share, share - 1.0), (1.0 - share, share))
+            )
+            split = np.stack((paths.amplitude, paths.cos, paths.sin))
+            split[:, row] = first
+            yield Mixture(*np.concatenate((split, np.stack(second)[:, np.newaxis]), axis=1))
+
+
+def _turned(cos: Float, sin: Float, angle_rad: float) -> Rotor:
+    """Return rotors turned by an angle."""
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    return cos * c - sin * s, sin * c + cos * s
+
+
+def _improve(recorded: Recorded, starts: Mixture, pixels: Index, points: Float, misfit: Float) -> None:
+    """Search some pixels again from other starts, and overwrite their points and misfit where the misfit is lower."""
+    if pixels.size:
+        again, lower = recorded[pixels].searched(starts)
+        better = lower < misfit[pixels]
+        points[:, pixels[better]], misfit[pixels[better]] = again.points[:, better], lower[better]
 
 
 def most_likely(recorded: Recorded, found: Mixture, /) -> LikelyPaths:
