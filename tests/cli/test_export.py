@@ -169,6 +169,30 @@ def test_planar_depths_give_the_same_points(tmp_path: Path) -> None:
         np.testing.assert_allclose(clouds[0][name], clouds[1][name], rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.parametrize(("held", "wanted"), [("range", "z"), ("z", "range")])
+def test_depths_are_written_as_the_kind_that_is_asked_for(tmp_path: Path, held: str, wanted: str) -> None:
+    maps, other = (
+        _maps(tmp_path / "a", "--depth", held),
+        layers_of(_maps(tmp_path / "b", "--depth", wanted) / "frame_0.tif"),
+    )
+    with np.load(_exported(tmp_path / "a.npz", maps, "--depth", wanted)) as arrays:
+        for name, plane in other.items():
+            assert arrays[name].dtype == (np.uint32 if name == "status" else np.float32)
+            np.testing.assert_allclose(arrays[name], plane, rtol=1e-6)
+    png = _exported(tmp_path / "a.png", maps, "--depth", wanted)
+    with needed_module("PIL.Image").open(png) as image:
+        assert image.text["Description"].startswith("direct.depth in mm, " + {"z": "planar", "range": "radial"}[wanted])
+        np.testing.assert_allclose(np.array(image), 1000.0 * np.nan_to_num(other["direct.depth"]), atol=0.51)
+
+
+def test_maps_that_do_not_say_what_they_hold_are_taken_to_hold_what_is_asked_for(tmp_path: Path) -> None:
+    write_exr(tmp_path / "a.exr", {"direct.depth": np.full((3, 4), 2.0, np.float32)})
+    done = cadtof("export", tmp_path / "a.exr", "-o", tmp_path / "a.png", "--depth", "z")
+    assert (done.status, "does not say which kind of depth it holds: taken for planar depth z" in done.err) == (0, True)
+    with needed_module("PIL.Image").open(tmp_path / "a.png") as image:
+        assert (np.array(image) == 2000).all()
+
+
 def test_a_picture_in_millimetres(tmp_path: Path) -> None:
     depth = np.linspace(0.2, 70.0, 12, dtype=np.float32).reshape(3, 4)
     depth[1, 2] = np.nan

@@ -41,7 +41,8 @@ def evaluate_maps(maps: Path, /, *, truth: Path, progress: Progress, table: Path
     with a line for each frame.
 
     Raises:
-        CadtofError: maps or truth cannot be read, hold no direct depth, differ in size, or hold z depth.
+        CadtofError: maps or truth cannot be read, hold no direct depth, or differ in size; or range and
+            z depth cannot be compared, because the optics are unknown.
     """
     if table is not None:
         require_new(table, overwrite=overwrite)
