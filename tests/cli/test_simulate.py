@@ -234,6 +234,8 @@ BAD_INPUT = [
     ),
     (("--scene", "wall", "--solver", "lm", "-o", "x"), "--solver: has no effect with --scene wall"),
     (("--scene", "wall", "--wrapped", "-o", "x"), "--wrapped: has no effect with --scene wall"),
+    (("--scene", "wall", "--dead-time", "3", "-o", "x"), "--dead-time: has no effect with --scene wall"),
+    (("--scene", "wall", "--temperature", "300", "-o", "x"), "--temperature: found without --capacitors"),
 ]
 
 
