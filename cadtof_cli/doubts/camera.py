@@ -97,7 +97,7 @@ in every plane: the noise then does not spread values, and many pixels hold the 
 
 def other_noise(stored: Stored, metadata: CaptureMetadata, phasor_map: PhasorMap | None = None, /) -> str | None:
     """Return a message if neighbours, calibrated by a map, differ by far more or less than the integration length explains."""
-    n_av, (height, width) = metadata.pixel.integration_length, stored.shape[2:]
+    n_av, (height, width) = metadata.pixel.mean_length, stored.shape[2:]
     if n_av is None or min(height, width) < 2:
         return None
     pairs = np.arange(height // 2 * 2).reshape(-1, 2)

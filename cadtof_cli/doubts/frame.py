@@ -95,7 +95,7 @@ def doubts_before_run(stored: Stored, plan: FramePlan, /) -> tuple[str, ...]:
         found = _told(other_offsets(stored, metadata, dark.sound_offset_v, dark.offset_stderr_v()))
     if found or not use.sine:
         return found
-    correction, n_av = stages_of(stored, plan, calibration).correction, metadata.pixel.integration_length
+    correction, n_av = stages_of(stored, plan, calibration).correction, metadata.pixel.mean_length
     # sigma holds the noise of the calibration, too; where this is larger than that of the frame, it is all that neighbours show
     own = correction.noise
     is_frames = own is None or n_av is None or max(own.dark) + max(own.response) < 0.5 / n_av

@@ -245,6 +245,14 @@ IMPOSSIBLE = [
         "info CAPTURE --raw-offset-bytes 4",
         "--raw-offset-bytes: layout.raw_offset_bytes: found 4, expected layout.raw_dtype",
     ),
+    (
+        "resolve CAPTURE --integration-length 1e5,2e5,3e5",
+        "--integration-length: pixel.integration_length: found [100000.0, 200000.0, 300000.0], expected one number, or 2",
+    ),
+    (
+        "resolve CAPTURE --integration-length 1e5,0.5",
+        "--integration-length: pixel.integration_length: found 0.5, expected a finite number above 1",
+    ),
     ("resolve CAPTURE --pool 257", "--pool: found 257, expected an odd number of pixels such as 3 or 5, at most 255"),
     (f"resolve CAPTURE --average {10**20}", "--average: found 100000000000000000000, expected 1 to 1000000 frames"),
     ("resolve CAPTURE --frame-timeout inf", "--frame-timeout: found inf, expected seconds above 0, at most 1e+08"),

@@ -50,8 +50,8 @@ class Exposure:
 
     @property
     def integration_length(self) -> float:
-        """n_av of Eq. (1); raises SettingsError if the metadata have none."""
-        length = self.metadata.pixel.integration_length
+        """n_av of Eq. (1), or of the harmonics' mean noise; raises SettingsError if the metadata have none."""
+        length = self.metadata.pixel.mean_length
         if length is None:
             raise SettingsError("integration length: found none, expected a number above 1")
         return length
@@ -89,7 +89,9 @@ def expose_band(exposure: Exposure, rows: slice, /) -> Band:
         period_ns=modulation.periods_ns[0],
         fwhm_ns=exposure.metadata.pulse.fwhm_ns,
     )
-    gain = averaging_gain(exposure.integration_length)
+    given = exposure.metadata.pixel.integration_length
+    lengths = given if isinstance(given, tuple) else (exposure.integration_length,)
+    gain = np.array([averaging_gain(length) for length in lengths]).reshape(-1, 1, 1, 1)
     voltages = voltage_statistics(
         mix.jittered(exposure.defects.jitter_ns),
         modulation,
