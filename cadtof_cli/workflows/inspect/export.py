@@ -21,6 +21,7 @@ from cadtof_cli.optics import planar_per_range, ray_slopes
 from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS, DepthKind
 from cadtof_cli.records import setting
 from cadtof_cli.workflows.inspect.run_map import GivenOptics, Layers, RunMap, in_kind
+from cadtof_cli.workflows.inspect.truth import without_holes
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import Run, read_run
 
@@ -116,19 +117,23 @@ def _known(optics: Optics, file: Path) -> Optics:
 
 
 def _write_points(one: _Exported, output: Path) -> None:
-    """Write the points of the pixels that have an answer: x right, y down, z forward from the camera, in m."""
+    """Write the points of the pixels that have a depth: x right, y down, z forward from the camera, in m.
+
+    Amplitude, sigma and status are written as far as the map has them: truth has no sigma and no status.
+    """
     depth, path = one.depth, one.name.removesuffix(".depth")
-    # asked for first: without these layers, as in truth, optics do not help
-    amplitude, sigma, status = map(one.layer, (f"{path}.amplitude", f"{path}.sigma", STATUS))
+    depth = depth if STATUS in one.layers else without_holes(depth)
     optics, known = _known(one.optics, one.file), np.isfinite(depth)
     depth = np.where(known, depth, np.nan)
     size = depth.shape[0], depth.shape[1]
     right, down = ray_slopes(optics, size)
     forward = depth if one.kind == "z" else depth * planar_per_range(optics, size)
-    planes = {"x": forward * right, "y": forward * down, "z": forward, "amplitude": amplitude, "sigma": sigma}
+    planes = {"x": forward * right, "y": forward * down, "z": forward}
+    planes |= {name: one.layers[f"{path}.{name}"] for name in ("amplitude", "sigma") if f"{path}.{name}" in one.layers}
     points = {name: plane[known].astype(np.float32) for name, plane in planes.items()}
+    of_status = {STATUS: one.layers[STATUS][known]} if STATUS in one.layers else {}
     comment = f"cadtof: {one.name} of {one.file.name}, metres; amplitude V, sigma m"
-    write_points(output, points | {STATUS: status[known]}, comment=comment)
+    write_points(output, points | of_status, comment=comment)
 
 
 def _write_png(one: _Exported, output: Path) -> None:
