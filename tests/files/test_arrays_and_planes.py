@@ -148,7 +148,26 @@ def test_matlab_files_without_an_array_that_can_be_saved(tmp_path: Path) -> None
     assert message(path) == f"{path}: cannot be read: could not read bytes"
     path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n\x1a\n")
     assert f"h5py.File({str(path)!r})['NAME'][()].swapaxes(-1, -2)" in message(path)
-    with pytest.raises(CaptureError, match=r"found a\.mat; `cadtof info .*a\.mat` says how to save an array of MATLAB"):
+    with pytest.raises(
+        CaptureError, match=r"found a\.mat; `cadtof info .*a\.mat` says how to save an array of that file"
+    ):
+        find_captures([tmp_path])
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".h5"])
+def test_files_with_arrays_by_name_are_refused_with_the_call_that_saves_one(tmp_path: Path, suffix: str) -> None:
+    path, expected = tmp_path / f"a{suffix}", np.arange(240, dtype=np.float32).reshape(2, 2, 10, 6)
+    if suffix == ".npz":
+        np.savez(path, NAME=expected)
+        call = re.search(r"numpy\.save\(.*\['NAME'\]\)", message(path))
+        assert call is not None
+        eval(call[0], {"numpy": np})
+        np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), expected)
+        (tmp_path / "a.npy").unlink()
+    else:
+        path.write_bytes(b"\x89HDF\r\n\x1a\n".ljust(64))
+        assert f"numpy.save({str(tmp_path / 'a.npy')!r}, h5py.File({str(path)!r})['NAME'][()])" in message(path)
+    with pytest.raises(CaptureError, match=rf"`cadtof info .*a\{suffix}` says how to save an array of that file"):
         find_captures([tmp_path])
 
 
