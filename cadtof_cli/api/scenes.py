@@ -1,6 +1,6 @@
 """Simulated captures for Python: the captures of `cadtof simulate --scene`, in memory instead of files."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, get_type_hints
 
@@ -38,7 +38,7 @@ def simulate_scene(
     *,
     frames: int = 1,
     seed: int = 0,
-    integration_length: float = 1e5,
+    integration_length: float | Sequence[float] = 1e5,
     modulation: Mapping[str, Any] | None = None,
     fwhm_ns: float = Pulse.fwhm_ns,
     camera: Mapping[str, Any] | None = None,
@@ -51,7 +51,7 @@ def simulate_scene(
         name: name of the scene, a key of `SCENES` in `simulation/scene/scenes.py`, such as "corner".
         frames: number of frames.
         seed: seed of all random numbers.
-        integration_length: n_av of Eq. (1), per harmonic.
+        integration_length: n_av of Eq. (1), per harmonic, or one number for each.
         modulation: fields of `Modulation`, such as `{"periods_ns": (40.0, 20.0, 40 / 3)}`.
         fwhm_ns: width of the laser pulse.
         camera: fields of `Camera`, such as `{"width": 160, "height": 120}`.
@@ -63,7 +63,8 @@ def simulate_scene(
     """
     require(name in SCENES, "simulate_scene", repr(name), f"one of {', '.join(SCENES)}")
     numbers = {"frames": frames, "seed": seed, "integration_length": integration_length}
-    own = as_declared(numbers, {"frames": int, "seed": int, "integration_length": float}, of="simulate_scene")
+    length = tuple[float, ...] if isinstance(integration_length, list | tuple | np.ndarray) else float
+    own = as_declared(numbers, {"frames": int, "seed": int, "integration_length": length}, of="simulate_scene")
     given = {"seed": own["seed"], **scene} if "seed" in SCENES[name].__dataclass_fields__ else scene
     try:
         exposure = scene_exposure(

@@ -115,13 +115,16 @@ def simulate(
     if out is None:
         raise SettingsError(f"--scene {scene}: found no -o, expected -o DIR, the folder of the capture")
     seed = trial.trials["seed"]
-    averaging = trial.averaging(light.integration_length)
+    lengths = light.integration_length
+    # of a list, only whether it was given beside --capacitors matters here
+    several = isinstance(lengths, list) and trial.capacitors is None
+    averaging = trial.averaging(None if several else lengths[0] if isinstance(lengths, list) else lengths)
     exposure = scene_exposure(
         scenery.made(scene, light, seed=seed),
         scenery.camera,
         modulation=trial.modulation,
         pulse=Pulse(fwhm_ns=trial.fwhm_ns),
-        integration_length=averaging.integration_length,
+        integration_length=tuple(lengths) if isinstance(lengths, list) else averaging.integration_length,
         seed=seed,
         motion=trial.motion,
         defects=trial.defects(averaging),

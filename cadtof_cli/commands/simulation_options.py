@@ -44,8 +44,13 @@ class TrialOptions:
     capacitors: tuple[float, ...] | None
     stages: Stages
 
-    def averaging(self, integration_length: float | None, /) -> Averaging:
-        """Return the averaging, from the capacitors or the integration length n_av; raises SettingsError if both are given."""
+    def averaging(self, integration_length: float | list[float] | None, /) -> Averaging:
+        """Return the averaging, from the capacitors or the integration length n_av; raises SettingsError if both are given, or
+        if there are several lengths."""
+        if isinstance(integration_length, list):
+            found = ",".join(f"{length:g}" for length in integration_length)
+            expected = "one number; only a scene takes one for each period"
+            raise SettingsError(f"--integration-length: found {found}, expected {expected}")
         if self.capacitors is None:
             length = INTEGRATION_LENGTH if integration_length is None else integration_length
             return Averaging(integration_length=length, stages=self.stages)

@@ -61,7 +61,7 @@ def scene_exposure(
     *,
     modulation: Modulation,
     pulse: Pulse,
-    integration_length: float,
+    integration_length: float | tuple[float, ...],
     seed: int,
     motion: Motion = AT_REST,
     defects: PixelDefects = IDEAL,
