@@ -49,8 +49,9 @@ class TrialOptions:
         if there are several lengths."""
         if isinstance(integration_length, list):
             found = ",".join(f"{length:g}" for length in integration_length)
-            expected = "one number; only a scene takes one for each period"
-            raise SettingsError(f"--integration-length: found {found}, expected {expected}")
+            raise SettingsError(
+                f"--integration-length: found {found}, expected one number; only a scene takes one for each period"
+            )
         if self.capacitors is None:
             length = INTEGRATION_LENGTH if integration_length is None else integration_length
             return Averaging(integration_length=length, stages=self.stages)
