@@ -311,6 +311,33 @@ def test_maps_without_an_answer(tmp_path: Path) -> None:
     assert "–" in cadtof("evaluate", out, "--truth", tmp_path / "truth.exr").out
 
 
+def test_another_layer_of_depths_is_compared_without_the_first_phasor(tmp_path: Path) -> None:
+    """The right half of the step has MPI at 20 ns."""
+    capture, truth = record(tmp_path / "capture"), tmp_path / "truth.exr"
+    write_frame(capture.files[0], step_frame(np.random.default_rng(0)))
+    second = np.full((24, 32), np.nan, np.float32)
+    second[:, 16:] = depth_m(20.0)
+    write_exr(truth, {"direct.depth": step_truth().astype(np.float32), "mpi.depth": second})
+    assert cadtof("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1, "--mpi-model", "discrete").status == 0
+    done = cadtof("evaluate", tmp_path / "out", "--truth", truth, "--layer", "mpi.depth", "--json")
+    found = json.loads(done.out)
+    layers = layers_of(tmp_path / "out" / "frame_0.tif")
+    errors_cm = 100.0 * (layers["mpi.depth"] - second)[:, 16:].astype(float)
+    ratio = np.abs(errors_cm) / (100.0 * layers["mpi.sigma"][:, 16:])
+    assert list(found) == ["frames", "mpi"]
+    assert found["mpi"]["rmse_cm"] == pytest.approx(np.sqrt(np.nanmean(errors_cm**2)), rel=1e-4)
+    assert found["mpi"]["valid"] == pytest.approx(np.mean(np.isfinite(errors_cm)))
+    assert found["mpi"]["within_1_sigma"] == pytest.approx(np.mean(ratio[np.isfinite(ratio)] <= 1.0))
+    shown = cadtof("evaluate", tmp_path / "out", "--truth", truth, "--layer", "mpi.depth").out.splitlines()
+    assert [line.split()[0] for line in shown] == ["error,", "mpi", "1"]
+    for options, message in (
+        (("--layer", "confidence"), "--layer: found 'confidence', expected a layer of depths such as mpi.depth"),
+        (("--layer", "path3.depth"), "expected path3.depth"),
+    ):
+        refused = cadtof("evaluate", tmp_path / "out", "--truth", truth, *options)
+        assert (refused.status, message in refused.err) == (2, True)
+
+
 @pytest.mark.parametrize("roi", [None, "3,2,20,24"])
 def test_truth_becomes_the_kind_of_depth_that_the_maps_hold(tmp_path: Path, roi: str | None) -> None:
     """z over range is 1/√(1 + X² + Y²), with a focal length of 28 px and the axis at column 15, row 10."""

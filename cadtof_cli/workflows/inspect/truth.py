@@ -89,13 +89,14 @@ def without_holes(depth: Float, /) -> Float:
 
 @dataclass(frozen=True)
 class Truth:
-    """The true depths of a run's maps.
+    """The true depths of a run's maps, of one layer.
 
     `given` is the file with the truth of all maps, or a folder with a file for each capture, in the same tree as the run.
     """
 
     given: Path
     run: Run
+    layer: str = DIRECT_DEPTH
 
     def __post_init__(self) -> None:
         """Raise CaptureError if the truth does not exist."""
@@ -104,7 +105,7 @@ class Truth:
     @cached_property
     def _read(self) -> Callable[[Path], _Known]:
         """The function that reads a file with truth. It keeps the last one, because the frames of a capture share it."""
-        return lru_cache(maxsize=1)(partial(_read, self.run, DIRECT_DEPTH))
+        return lru_cache(maxsize=1)(partial(_read, self.run, self.layer))
 
     def file(self, map_file: Path, /) -> Path:
         """Return the file with the truth of a map. In a folder, it is the `truth.*` in the place that the map has in its run.
@@ -128,9 +129,9 @@ class Truth:
         Raises:
             CadtofError: see `true_layer`; or the truth is in another unit.
         """
-        direct, file = one.layer(DIRECT_DEPTH).astype(np.float64), self.file(one.file)
-        known = _of_map(self._read(file), one, DIRECT_DEPTH, file)
-        _require_metres(file, known, direct)
+        depth, file = one.layer(self.layer).astype(np.float64), self.file(one.file)
+        known = _of_map(self._read(file), one, self.layer, file)
+        _require_metres(file, known, depth)
         return known
 
     def tell_of_captures(self, say: Callable[[str], None], /) -> None:
