@@ -60,6 +60,8 @@ COMPILED = {
         "../diffuse/_pixels_call.h",
         "../response/_newton.h",
         "../response/_newton_call.h",
+        "../response/_other_pairs.h",
+        "../response/_other_pairs_call.h",
         "../response/_table.h",
     ),
     "resolver/likelihood/_likelihood": (

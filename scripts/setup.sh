@@ -13,6 +13,7 @@ venv="$root/.venv"
 # tests that compare compiled modules with numpy
 compiled_tests=(
     tests/resolver/two_path tests/resolver/response/test_compiled_newton.py
+    tests/resolver/response/test_compiled_other_pairs.py
     tests/resolver/response/test_compiled_more_harmonics.py tests/resolver/likelihood/test_compiled.py
     tests/resolver/paper/test_compiled.py tests/resolver/diffuse/test_compiled.py tests/resolver/diffuse/test_compiled_fit.py
     tests/resolver/diffuse/test_compiled_light.py tests/resolver/diffuse/test_compiled_radiosity.py

@@ -30,6 +30,10 @@ ZERO_LIMIT = 1e-3
 """Difference between the zeros of the dark frames and of a capture, as a share of the modulation amplitude, that is
 doubted. It moves phases by up to a milliradian: 1 mm at 40 ns."""
 
+FOCAL_LIMIT = 0.02
+"""Difference between the focal lengths of a capture and of the Petzval walls, as a share, that is doubted. Focal lengths
+that are fitted to the walls may differ by a per cent."""
+
 NO_NOISE = (
     "the dark calibration holds no noise, so sigma leaves out that of the offsets: repeat `cadtof calibrate dark`"
 )
@@ -98,11 +102,14 @@ class Calibration:
                 "the same lamp_offset_m under [optics], or --lamp-offset-m"
             )
 
-    def doubt(self, metadata: CaptureMetadata, /) -> str | None:
-        """Return in words that the dark frames probably had another zero than a capture; None: nothing says so.
+    def doubts(self, metadata: CaptureMetadata, /) -> tuple[str, ...]:
+        """Return in words what of a capture's metadata probably differs from that of the calibration's frames.
 
         A zero of 0 says nothing: the program that wrote the frames may have subtracted it.
         """
+        return tuple(filter(None, (self._other_zero(metadata), self._other_lens(metadata.optics.focal_length_px))))
+
+    def _other_zero(self, metadata: CaptureMetadata) -> str | None:
         before, now = self.dark.zero_v if self.dark else 0.0, metadata.voltage.zero_v
         if not before or not now or abs(now - before) <= ZERO_LIMIT * metadata.modulation.amplitude_v:
             return None
@@ -110,6 +117,16 @@ class Calibration:
             f"zero_counts is {now:.6g} V in the capture and was {before:.6g} V in the dark frames (zero_counts × "
             f"volts_per_count), so all voltages are {abs(now - before) * 1e3:.3g} mV off if the camera is the same: give both "
             "the same values under [voltage], or repeat `cadtof calibrate dark`"
+        )
+
+    def _other_lens(self, focal_length_px: float | None) -> str | None:
+        walls_px = self.petzval.quality.focal_length_px if self.petzval else None
+        if walls_px is None or focal_length_px is None or abs(focal_length_px - walls_px) <= FOCAL_LIMIT * walls_px:
+            return None
+        return (
+            f"focal_length_px is {focal_length_px:.6g} in the capture and {walls_px:.6g} in the petzval calibration, whose "
+            "field curvature is that of its own lens: correct focal_length_px under [optics], or repeat `cadtof calibrate "
+            "petzval`"
         )
 
     def stale(self) -> tuple[str, ...]:

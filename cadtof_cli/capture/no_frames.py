@@ -11,9 +11,6 @@ from cadtof_cli.files.formats import FORMATS, RAW, frame_suffixes
 from cadtof_cli.files.reading import entries_of, natural_key
 from cadtof_cli.units import first_of
 
-_OF_ARRAYS = (".mat", ".npz", ".h5", ".hdf5")
-"""Suffixes of files that hold arrays by any names."""
-
 
 def no_frames(root: Path, layout: Layout, /, among: Sequence[str] | None = None) -> CaptureError:
     """Return the error for a folder without frames, or for named files in it (`among`) that are no frames."""
@@ -30,8 +27,11 @@ def no_frames(root: Path, layout: Layout, /, among: Sequence[str] | None = None)
 
 def _what_is_missing(root: Path, layout: Layout, by_suffix: Mapping[str, str]) -> str:
     """Return a hint what to do so that files of these suffixes become frames; `by_suffix` holds an example of each."""
-    if arrays := next(filter(None, map(by_suffix.get, _OF_ARRAYS)), None):
-        return f"; `cadtof info {root / arrays}` says how to save an array of that file"
+    # imported here because nearly every folder has frames
+    from cadtof_cli.files import named_arrays
+
+    if of_arrays := next(filter(None, map(by_suffix.get, named_arrays.SUFFIXES)), None):
+        return f"; `cadtof info {root / of_arrays}` says how to save an array of that file as a frame"
     if layout.raw_dtype is None and (dump := next(filter(None, map(by_suffix.get, RAW.suffixes)), None)):
         return f"; to read raw dumps such as {dump}, give --raw-dtype and --raw-shape, or [layout.raw] in capture.toml"
     planes = [one.title for one in FORMATS if not one.whole and not by_suffix.keys().isdisjoint(one.suffixes)]

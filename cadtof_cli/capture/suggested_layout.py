@@ -66,7 +66,8 @@ def hint_of_planes(capture: Capture, /) -> tuple[str, Layout | None] | None:
         read_plane(path, layout)
     except FrameError:
         return None
-    guess = layout_of_names([frame.paths[0].name for frame in capture.frames], layout.harmonics)
+    names = [frame.paths[0].name for frame in capture.frames]
+    guess = layout_of_names(names, layout.harmonics, period_ns=layout.period_ns)
     keys = f'pattern = "{guess.pattern if guess else EXAMPLE_PATTERN}"'
     if guess and guess.channel:
         keys += f", channel = {list(guess.channel)}".replace("'", '"')
@@ -80,12 +81,16 @@ def hint_of_planes(capture: Capture, /) -> tuple[str, Layout | None] | None:
     return hint, guess
 
 
-def layout_of_names(names: Sequence[str], harmonics: tuple[int, ...], /) -> Layout | None:
+def layout_of_names(
+    names: Sequence[str], harmonics: tuple[int, ...], /, *, period_ns: float | None = None
+) -> Layout | None:
     """Return the layout whose pattern fits these file names of planes; None: there is none.
 
     With it, every frame must have every harmonic and channel exactly once. If a number may as well be that of the frame
-    as that of a harmonic or channel, the names suggest nothing.
+    as that of a harmonic or channel, the names suggest nothing. Numbers that are the modulation periods in whole ns, of
+    which `period_ns` is the longest, name these.
     """
+    periods = [f"{period_ns / number:.0f}" for number in harmonics] if period_ns else []
     split = [re.findall(_PIECES, name) for name in names]
     if len({len(pieces) for pieces in split}) != 1:
         return None
@@ -99,7 +104,7 @@ def layout_of_names(names: Sequence[str], harmonics: tuple[int, ...], /) -> Layo
         (harmonic, channel)
         for pair in itertools.permutations(columns, 2)
         if [len(column.values) for column in pair] == [len(harmonics), CHANNELS]
-        for harmonic in _in_order_said(pair[0], split, said[0])
+        for harmonic in _in_order_said(_in_order_of(periods, pair[0]), split, said[0])
         for channel in _in_order_said(pair[1], split, said[1])
     ]
     fitting = [(pair, layout) for pair in pairs if (layout := _layout(split, columns, *pair, harmonics))]
@@ -109,6 +114,15 @@ def layout_of_names(names: Sequence[str], harmonics: tuple[int, ...], /) -> Layo
         return None
     # harmonics come before channels
     return min(likeliest, key=lambda one: one[0][0].place)[1]
+
+
+def _in_order_of(periods: Sequence[str], column: _Column) -> _Column:
+    """Return a column with its values in the order of the periods, the longest first, if they are these.
+
+    Periods of 2 and 1 ns look like numbers of harmonics, and are taken for those.
+    """
+    are_periods = sorted(column.values) == sorted(periods) and "1" not in periods
+    return replace(column, values=tuple(periods)) if are_periods else column
 
 
 def _in_order_said(column: _Column, split: Sequence[Sequence[str]], numbers: Sequence[int]) -> tuple[_Column, ...]:

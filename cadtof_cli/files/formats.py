@@ -164,10 +164,6 @@ _BY_NAME = {one.name: one for one in FORMATS}
 _BY_SUFFIX = {suffix: one for one in FORMATS for suffix in one.suffixes}
 
 
-_ARRAYS_BY_NAME = {b"\x89HDF": "h5py.File({})['NAME'][()]", b"PK\x03\x04": "numpy.load({})['NAME']"}
-"""First bytes of files that hold arrays by any names, HDF5 and NPZ, and the call of Python that reads one of them."""
-
-
 def format_by_name(name: str, /) -> Format:
     """Return the format of that name."""
     return _BY_NAME[name]
@@ -217,17 +213,14 @@ def detect_format(path: Path, /, *, raw: bool = False) -> Format:
     known = next((one for one in FORMATS if head.startswith(one.magics)), None)
     if known is not None:
         return known
-    if head.startswith(b"MATLAB "):
-        from cadtof_cli.files.matlab import matlab_refusal
+    from cadtof_cli.files.named_arrays import named_arrays_refusal
 
-        raise matlab_refusal(path, head)
+    if refusal := named_arrays_refusal(path, head):
+        raise refusal
     found = f"a file of another kind (first bytes {head[:4].hex(' ')})" if head else "an empty file"
     titles = ", ".join(one.title for one in FORMATS if one.magics)
     hint = ""
-    if call := next((one for start, one in _ARRAYS_BY_NAME.items() if head.startswith(start)), None):
-        saved = repr(str(path.with_suffix(".npy")))
-        hint = f"; numpy.save({saved}, {call.format(repr(str(path)))}) saves an array of it with axes [T] H C Y X"
-    elif raw:
+    if raw:
         hint = f"; the names of raw dumps end with {', '.join(RAW.suffixes)}"
     elif format_by_suffix(path) is RAW:
         hint = "; for a raw dump, give dtype and shape under [layout.raw]"

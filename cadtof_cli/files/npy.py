@@ -3,7 +3,9 @@
 import os
 from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import IO, Any
 
+import numpy as np
 from numpy.lib.format import MAGIC_PREFIX, read_array_header_1_0, read_array_header_2_0, read_magic
 
 from cadtof_cli.arrays import Stored
@@ -32,12 +34,20 @@ def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
     return single_plane(_array(path))
 
 
+def read_header(file: IO[bytes], /) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Read the header of the array that begins where a file is now: return shape, whether in Fortran order, and type.
+
+    Raise ValueError if the version of the format is unknown, or the header is damaged.
+    """
+    version = read_magic(file)
+    if version not in _HEADERS:
+        raise ValueError(f"found version {version[0]}.{version[1]} of the format, expected one up to 3.0")
+    return _HEADERS[version](file, max_header_size=_LONGEST_HEADER)
+
+
 def _array(path: Path) -> ArrayInFile:
     with damage_as_frame_error(path, "NPY"), os.fdopen(open_regular(path), "rb") as file:
-        version = read_magic(file)
-        if version not in _HEADERS:
-            raise ValueError(f"found version {version[0]}.{version[1]} of the format, expected one up to 3.0")
-        shape, fortran, dtype = _HEADERS[version](file, max_header_size=_LONGEST_HEADER)
+        shape, fortran, dtype = read_header(file)
         array = ArrayInFile(path, shape, dtype, file.tell(), not fortran)
         if dtype.hasobject:
             raise FrameError(

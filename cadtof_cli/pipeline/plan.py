@@ -112,7 +112,7 @@ class FramePlan:
 
     def __post_init__(self) -> None:
         modulation, resolver = self.metadata.modulation, self.settings.resolver
-        if self.settings.depth == "z":
+        if self.settings.depth == "z" or any(self.metadata.optics.lamp_offset_m or ()):
             from cadtof_cli.optics import known_focal_length
 
             known_focal_length(self.metadata.optics)

@@ -67,7 +67,7 @@ def resolve_paths(
             predicted = _predicted(phasors, before, first, usable, noise, response)
             answered &= ~predicted.answered
         if answered.any():
-            fit = fewest_paths(solver or start(), answered, settings=settings, noise=noise)
+            fit = _separate_paths(solver or start(), free, answered, settings, noise, response)
         else:
             fit = Fit.none(max(settings.paths, LEAST_PATHS), answered.size)
         if after is not None and response is not None:
@@ -89,6 +89,23 @@ def resolve_paths(
     if noise.samples is not None:
         np.bitwise_or(bits, np.uint32(StatusBit.POOLED), out=bits, where=noise.samples > 1.0)
     return ResolvedPaths(fit.paths, confidence, bits, fit.chi_squared)
+
+
+def _separate_paths(
+    solver: Solver,
+    phasors: Complex,
+    answered: Bool,
+    settings: ResolverSettings,
+    noise: NoiseModel,
+    response: "ResponseBlock | None",
+) -> Fit:
+    """Return the paths that the solver and the order test give, with standard deviations that hold other pairs of paths."""
+    fit = fewest_paths(solver, answered, settings=settings, noise=noise)
+    if response is not None:
+        from cadtof_cli.resolver.response.other_pairs import widen
+
+        widen(fit, phasors, noise=noise, response=response, settings=settings)
+    return fit
 
 
 def _predicted(

@@ -11,7 +11,9 @@ HOLE = "…"
 
 REASONS = frozenset(
     {
-        "doubt",
+        "doubts",
+        "_other_zero",
+        "_other_lens",
         "likely_cause",
         "_zero_in_words",
         "why_no_answer",

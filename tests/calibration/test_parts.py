@@ -159,18 +159,32 @@ def test_dark_frames_with_another_zero_than_the_capture_are_doubted(tmp_path: Pa
     assert kept.dark is not None
     assert kept.dark.zero_v == 8192 * 6e-5
 
-    def doubt(zero: float | None, scale: float | None) -> str | None:
-        return kept.doubt(CaptureMetadata(voltage=Voltage(zero_counts=zero, volts_per_count=scale)))
+    def doubts(zero: float | None, scale: float | None) -> tuple[str, ...]:
+        return kept.doubts(CaptureMetadata(voltage=Voltage(zero_counts=zero, volts_per_count=scale)))
 
     # the same zero, also in files whose counts are shifted to the left, or in volts; volts; a zero that a program has subtracted
     for zero, scale in ((8192.0, 6e-5), (32768.0, 1.5e-5), (8192 * 6e-5, None), (None, None), (0.0, 6e-5)):
-        assert doubt(zero, scale) is None
-    message = str(doubt(8230.0, 6e-5))
+        assert not doubts(zero, scale)
+    (message,) = doubts(8230.0, 6e-5)
     assert "was 0.49152 V in the dark frames" in message
     assert "2.28 mV off" in message
-    assert Calibration(dark=dark()).doubt(CaptureMetadata(voltage=Voltage(zero_counts=8230.0))) is None
+    assert not Calibration(dark=dark()).doubts(CaptureMetadata(voltage=Voltage(zero_counts=8230.0)))
     kept = Calibration(petzval=petzval())
-    assert doubt(8230.0, 6e-5) is None
+    assert not doubts(8230.0, 6e-5)
+
+
+def test_a_capture_with_another_focal_length_than_the_petzval_walls_is_doubted() -> None:
+    """Field curvature is measured as what no flat wall explains, and the focal length decides how a flat wall looks."""
+    walls_px = petzval().quality.focal_length_px
+
+    def doubts(focal_length_px: float | None) -> tuple[str, ...]:
+        return Calibration(petzval=petzval()).doubts(CaptureMetadata(optics=Optics(focal_length_px=focal_length_px)))
+
+    for same in (None, walls_px, 1.015 * walls_px):
+        assert not doubts(same)
+    (message,) = doubts(1.2 * walls_px)
+    assert f"{1.2 * walls_px:.6g} in the capture and {walls_px:.6g} in the petzval" in message
+    assert not Calibration(dark=dark()).doubts(CaptureMetadata(optics=Optics(focal_length_px=1.2 * walls_px)))
 
 
 def test_figures_are_read_as_written_and_a_change_of_the_file_is_refused(tmp_path: Path) -> None:

@@ -234,6 +234,24 @@ def test_a_suggested_pattern_has_the_planes_that_the_names_say(
 
 
 @pytest.mark.parametrize(
+    ("period_ns", "order"), [(40.0, ["40", "20"]), (39.6, ["40", "20"]), (50.0, ["20", "40"]), (None, ["20", "40"])]
+)
+def test_numbers_that_are_the_periods_name_these(period_ns: float | None, order: list[str]) -> None:
+    """Other numbers without a unit are taken in rising order, as frequencies."""
+    names = [f"cam_{number}_{channel}.tif" for number in (20, 40) for channel in "AB"]
+    found = layout_of_names(names, (1, 2), period_ns=period_ns)
+    assert found is not None
+    assert [label for label, _ in found.harmonic or ()] == order
+
+
+def test_periods_of_two_and_one_ns_are_not_read_into_numbers_of_harmonics() -> None:
+    names = [f"cam_{number}_{channel}.tif" for number in (1, 2) for channel in "AB"]
+    found = layout_of_names(names, (1, 2), period_ns=2.0)
+    assert found is not None
+    assert found.harmonic is None
+
+
+@pytest.mark.parametrize(
     ("names", "pattern"),
     [
         ("{f}_h{h}_sc{c}.tif", "{frame}_h{harmonic}_sc{channel}.tif"),

@@ -136,14 +136,12 @@ def test_a_small_least_return_ratio_lets_false_second_paths_be_first(ratio: floa
     assert is_gross(maps, depth_m(1.0) * delays).mean() == pytest.approx(share, rel=0.3)
 
 
-@pytest.mark.parametrize(("length", "low", "high"), [(1e5, 2e-5, 4e-4), (1e4, 1e-4, 1e-3)])
-def test_triangle_waves_give_a_few_pixels_without_mpi_two_paths_half_a_metre_too_near(
-    length: float, low: float, high: float
-) -> None:
+@pytest.mark.parametrize("length", [1e5, 1e4])
+def test_no_pixel_without_mpi_is_far_off_with_triangle_waves(length: float) -> None:
+    """.1 and .4 in 1000 were, half a metre too near: two paths that other pairs explain as well, with the sigma of one pair."""
     wall = simulate_scene("wall", frames=2, seed=7, integration_length=length, modulation={"waveform": "triangle"})
-    truth = wall.truth["direct.depth"]
-    found = [is_gross(resolve(frame, mpi_model="discrete"), truth) for frame in wall.frames]
-    assert low < np.mean(found) < high
+    for frame in wall.frames:
+        assert not is_gross(resolve(frame, mpi_model="discrete"), wall.truth["direct.depth"]).any()
 
 
 @pytest.mark.parametrize(("harmonics", "slow", "fast", "early_ns"), [(2, 7.0, 9.0, 13.2), (3, 5.5, 7.5, 8.7)])

@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
@@ -148,27 +149,43 @@ def test_matlab_files_without_an_array_that_can_be_saved(tmp_path: Path) -> None
     assert message(path) == f"{path}: cannot be read: could not read bytes"
     path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n\x1a\n")
     assert f"h5py.File({str(path)!r})['NAME'][()].swapaxes(-1, -2)" in message(path)
-    with pytest.raises(
-        CaptureError, match=r"found a\.mat; `cadtof info .*a\.mat` says how to save an array of that file"
-    ):
+    with pytest.raises(CaptureError, match=r"found a\.mat; `cadtof info .*a\.mat` says how to save an array"):
         find_captures([tmp_path])
 
 
-@pytest.mark.parametrize("suffix", [".npz", ".h5"])
-def test_files_with_arrays_by_name_are_refused_with_the_call_that_saves_one(tmp_path: Path, suffix: str) -> None:
-    path, expected = tmp_path / f"a{suffix}", np.arange(240, dtype=np.float32).reshape(2, 2, 10, 6)
-    if suffix == ".npz":
-        np.savez(path, NAME=expected)
-        call = re.search(r"numpy\.save\(.*\['NAME'\]\)", message(path))
-        assert call is not None
-        eval(call[0], {"numpy": np})
-        np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), expected)
-        (tmp_path / "a.npy").unlink()
-    else:
-        path.write_bytes(b"\x89HDF\r\n\x1a\n".ljust(64))
-        assert f"numpy.save({str(tmp_path / 'a.npy')!r}, h5py.File({str(path)!r})['NAME'][()])" in message(path)
-    with pytest.raises(CaptureError, match=rf"`cadtof info .*a\{suffix}` says how to save an array of that file"):
+@pytest.mark.parametrize("axes", ["HCYX", "YXHC"])
+def test_an_npz_file_is_refused_with_the_call_that_saves_its_array(axes: str, tmp_path: Path) -> None:
+    recorded, path = known_frame("u2"), tmp_path / "it's.npz"
+    np.savez_compressed(path, dark=np.zeros((37, 53)), volts=recorded.transpose(["HCYX".index(axis) for axis in axes]))
+    text = message(path)
+    assert text.startswith(f"{path}: found an NPZ file, expected its array in a format that is read here: ")
+    label = "read here" if axes == "HCYX" else f"axes are {' '.join(axes)}"
+    (call,) = re.findall(rf"{label}: (numpy\.save\([^;]*?\))(?:, with axes|;|$)", text)
+    eval(call, {"numpy": np})
+    np.testing.assert_array_equal(_read(tmp_path / "it's.npy"), recorded)
+    (tmp_path / "it's.npy").unlink()
+    with pytest.raises(CaptureError, match=r"no frames: .*; `cadtof info .*\.npz` says how to save an array"):
         find_captures([tmp_path])
+
+
+def test_npz_files_without_an_array_that_can_be_saved(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    np.savez(path, plane=np.zeros((37, 53)))
+    assert "no array in it has three axes or more" in message(path)
+    path.write_bytes(path.read_bytes()[:200])
+    assert message(path).startswith(f"{path}: damaged NPZ: ")
+    with zipfile.ZipFile(path, "w") as other:
+        other.writestr("letter.xml", "words")
+    assert message(path).startswith(f"{path}: found a file of another kind (first bytes 50 4b 03 04)")
+
+
+def test_an_hdf5_file_is_refused_with_a_call_that_saves_a_dataset(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    path.write_bytes(b"\x89HDF\r\n\x1a\n".ljust(96, b"\0"))
+    assert message(path) == (
+        f"{path}: found an HDF5 file, expected its array in a format that is read here: numpy.save("
+        f"{str(path.with_suffix('.npy'))!r}, h5py.File({str(path)!r})['NAME'][()]), with axes [T] H C Y X, saves the dataset NAME"
+    )
 
 
 def test_a_dump_of_matlab_is_refused_with_the_call_that_mends_it(tmp_path: Path) -> None:

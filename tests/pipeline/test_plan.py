@@ -44,6 +44,8 @@ def test_values_beyond_a_limit_are_refused(options: dict[str, Any], words: str) 
 def test_a_plan_refuses_settings_that_need_more_than_its_capture_has() -> None:
     with pytest.raises(SettingsError, match="optics are unknown"):
         FramePlan(metadata=CaptureMetadata(), settings=MapSettings(depth="z"))
+    with pytest.raises(SettingsError, match="optics are unknown"):
+        FramePlan(metadata=CaptureMetadata(optics=Optics(lamp_offset_m=(0.03, 0.0, 0.0))))
     with pytest.raises(SettingsError, match="3 paths need at least 3 periods"):
         FramePlan(metadata=CaptureMetadata(), settings=MapSettings(resolver=ResolverSettings(paths=3)))
 

@@ -19,13 +19,14 @@
 #include "../diffuse/_patch_steps.h"
 #include "../diffuse/_radiosity.h"
 #include "../diffuse/_light.h"
-#include "../response/_newton.h"
+#include "../response/_other_pairs.h"
 
 #define WORK(X, name, attributes) \
     X(resolve, resolve_pixels, Frame, name, attributes) \
     X(answer, answer_pixels, TailAnswers, name, attributes) \
     X(decompose, decompose_pixels, Decomposed, name, attributes) \
     X(search, search_pixels, Search, name, attributes) \
+    X(follow, follow_pairs, Follow, name, attributes) \
     X(slopes, slopes_of_patches, Slopes, name, attributes) \
     X(step, step_of_patches, Steps, name, attributes) \
     X(matrix, matrix_of, Pairs, name, attributes) \
@@ -144,6 +145,7 @@ CALL_OF_BUFFERS(count_status, &COUNTED_STATUS, 1, count_checked)
 #include "../diffuse/_radiosity_call.h"
 #include "../diffuse/_light_call.h"
 #include "../response/_newton_call.h"
+#include "../response/_other_pairs_call.h"
 
 /* --- the module ---------------------------------------------------------------------------------------------------------- */
 
@@ -191,6 +193,9 @@ static PyMethodDef METHODS[] = {
     {"search", search, METH_VARARGS,
      "search(level, steps, constants, first table, second table, phases, observed, enough, start, values, misfit, done)\n\n"
      "Fill values, misfit and done. Everybody but the tests calls it through response/newton.py."},
+    {"follow_pairs", follow_pairs_of, METH_VARARGS,
+     "follow_pairs(level, constants, first table, second table, phases, phasors, per variance, found, sigma, farthest)\n\n"
+     "Fill farthest. Everybody but the tests calls it through response/other_pairs.py."},
     LEVELS_METHOD,
     {"constant_names", constant_names, METH_NOARGS, "Names of the constants, in the order in which resolve takes them."},
     {"tail_sizes", tail_sizes, METH_NOARGS, "Names of a tail's sizes, in the order in which they are taken."},

@@ -120,15 +120,14 @@ def averaged_captures(
     metadata, pixels = captures[0].source.metadata, averaged[0][1].pixels
     earlier = _earlier_parts(settings.out, kind, metadata, pixels, progress)
     for one, mean in averaged:
-        if earlier and (doubt := earlier.doubt(one.source.metadata)):
+        for doubt in earlier.doubts(one.source.metadata) if earlier else ():
             progress.say(f"warning: {one.root}: {doubt}")
         if dark := earlier and earlier.dark:
             in_volts = replace(one.source.metadata, voltage=Voltage())
             # offsets of all pixels look like another order, and planes in another order have other offsets
             order = mistaken_order(mean.volts - dark.offset_v, in_volts) if has_light else None
-            doubt = order or other_offsets(mean.volts, in_volts, dark.sound_offset_v, dark.offset_stderr_v())
-            if doubt:
-                progress.say(f"warning: {one.root}: {doubt}")
+            if found := order or other_offsets(mean.volts, in_volts, dark.sound_offset_v, dark.offset_stderr_v()):
+                progress.say(f"warning: {one.root}: {found}")
     origin = Origin(
         captures=tuple(str(one.root) for one in captures),
         frames=sum(mean.frames for _, mean in averaged),

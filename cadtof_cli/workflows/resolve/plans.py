@@ -271,6 +271,6 @@ def use_calibration(folder: Path, captures: Sequence[Capture], /) -> AppliedCali
     notes = (
         f"{folder}: applied {calibration.summary}",
         *(f"warning: {folder}: {text}" for text in calibration.stale()),
-        *(f"warning: {one.root}: {doubt}" for one in captures if (doubt := calibration.doubt(one.source.metadata))),
+        *(f"warning: {one.root}: {doubt}" for one in captures for doubt in calibration.doubts(one.source.metadata)),
     )
     return AppliedCalibration(CalibrationUse(folder, calibration.digest, sine=calibration.sine), parts, notes)

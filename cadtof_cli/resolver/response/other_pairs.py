@@ -1,0 +1,245 @@
+"""Other pairs of paths that explain phasors of harmonics 1 and 2 nearly as well, and the standard deviations that they
+leave.
+
+A triangle is made of straight pieces, and there four equations do not determine two paths: if the paths lie on
+neighbouring pieces of harmonic 2, and on one piece of harmonic 1, all pairs on a line give the same phasors. The pulse
+rounds the corners off, so that one of these pairs fits best. But what noise does to that pair does not say how far the
+line leads. So the line is followed: one path is moved by δ, the other path and both amplitudes are fitted, and the
+misfit χ² that is left gives a standard deviation |δ|/√χ². Where phasors are linear in the paths, it is the same for
+every δ. If all δ up to some length are as likely, it is that length over √3. This is a profile likelihood (Venzon and
+Moolgavkar 1988, doi:10.2307/2347496).
+
+All numbers have single precision, as in `newton.py`. `_other_pairs.h` is the compiled twin of `reach`; `reached` calls it.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from cadtof_cli.arrays import Complex, Float32, Index
+from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.records import dataclass
+from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel, contiguous, extension
+from cadtof_cli.resolver.paths import CLOSE_ENOUGH, FULL_TURN, Fit
+from cadtof_cli.resolver.response.table import STEP, ResponseBlock
+from cadtof_cli.resolver.settings import ResolverSettings
+
+MOVE = np.float32(FULL_TURN / 128)
+"""How far a path is moved at a time, rad. One Gauss–Newton step of the other path follows; it can follow corners only in
+short moves."""
+
+MOVES = 16
+"""Number of moves to either side. A straight piece of harmonic 2 is as long as all of them."""
+
+LARGEST_TURN = np.float32(0.4)
+"""Largest turn of the other path in one step, rad."""
+
+SETTLED = np.float32(0.15)
+"""Turn of the other path in a step, rad, above which it is not fitted, so that the pair does not count."""
+
+FLAT = np.float32(3.0)
+"""Least χ² by which a move counts: of a line of pairs that are all as likely, the root mean square distance is its length
+over √3."""
+
+MOST_MISFIT = np.float32(9.0)
+"""χ² above which noise hardly makes one pair of paths look like another: three standard deviations."""
+
+SURE_MOVES, LEAST_SHARE = 3, np.float32(0.5)
+"""A path is moved on after `SURE_MOVES` as long as χ² is below `MOST_MISFIT`, or below this share of what it would be if
+phasors were linear in the paths: beyond a corner, χ² may become small again."""
+
+Pair = tuple[Float32, Float32]
+"""Values of both paths, float32 (m,) each."""
+
+Vector = tuple[Float32, Float32, Float32, Float32]
+"""Real and imaginary part at harmonic 1, then at harmonic 2, float32 (m,) each. Those at harmonic 2 are multiplied by
+`Recorded.ratio`, so that all have the same noise."""
+
+
+def widen(
+    fit: Fit, phasors: Complex, /, *, noise: NoiseModel, response: ResponseBlock, settings: ResolverSettings
+) -> None:
+    """Widen the standard deviations of two paths to those of the other pairs that explain their phasors, complex128 (2, n).
+
+    The doubt follows from them. Pixels with one path, and phasors of more than two harmonics, stay as they are. By the
+    `settings`, the other path may be the direct one in another pair.
+    """
+    pixels = np.flatnonzero(np.isfinite(fit.paths.amplitude[1]))
+    if not pixels.size or len(phasors) > 2:
+        return
+    phase_rad, sigma_rad = fit.paths.phase_rad[:2, pixels], fit.paths.sigma_rad[:2, pixels]
+    recorded = Recorded.of(response.block(pixels), phasors[:, pixels], noise[pixels])
+    farthest = reached(recorded, phase_rad.astype(np.float32), sigma_rad.astype(np.float32), Rule.of(settings))
+    sigma_rad = np.maximum(sigma_rad, farthest)
+    fit.paths.sigma_rad[:2, pixels] = sigma_rad
+    half = np.abs(np.sin(0.5 * (phase_rad[0] - phase_rad[1])))
+    fit.doubt[pixels] = np.maximum(fit.doubt[pixels], np.maximum(*sigma_rad) / (CLOSE_ENOUGH * half))
+
+
+@dataclass(frozen=True)
+class Rule:
+    """Which of two paths is the direct one: the first (`sign` 1) or the last (`sign` -1) of those that have at least the
+    share `least_ratio` of the other's amplitude. With a share of 1, it is the strongest."""
+
+    least_ratio: np.float32
+    sign: np.float32
+
+    @classmethod
+    def of(cls, settings: ResolverSettings, /) -> "Rule":
+        """Return the rule of the settings, without what `direct_first` does with late echoes."""
+        ratio = 1.0 if settings.returns == "strongest" else settings.min_return_ratio
+        return cls(np.float32(ratio), np.float32(-1.0 if settings.returns == "last" else 1.0))
+
+    def errors(self, amplitude: Pair, by_rad: Pair, gap_rad: Float32, /) -> Pair:
+        """Return how far the direct path and the MPI path of a pair are from those found, rad.
+
+        Both are given in the order of the pair found, whose MPI path comes `gap_rad` after its direct path: their amplitudes,
+        and by how much they have moved. If the other path is the direct one in this pair, the two change places.
+        """
+        direct, mpi = amplitude
+        direct_by, mpi_by = by_rad
+        order = (gap_rad + mpi_by - direct_by) * self.sign
+        swapped = (direct < self.least_ratio * mpi) | ((mpi >= self.least_ratio * direct) & (order < 0.0))
+        errors = np.where(swapped, gap_rad + mpi_by, direct_by), np.where(swapped, direct_by - gap_rad, mpi_by)
+        return np.abs(errors[0]), np.abs(errors[1])
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """The phasors of m pixels as recorded, and their response.
+
+    `per_variance`, (m,), is one over the variance of harmonic 1 per channel; `ratio` is the standard deviation of
+    harmonic 1 over that of harmonic 2.
+    """
+
+    response: ResponseBlock
+    phasor: Vector
+    per_variance: Float32
+    ratio: np.float32
+
+    @classmethod
+    def of(cls, response: ResponseBlock, phasors: Complex, noise: NoiseModel, /) -> "Recorded":
+        """Return the phasors, complex128 (2, m), as recorded."""
+        first, second = (one.dark_variance for one in noise.each)
+        ratio = np.float32(np.sqrt(first / second))
+        (re, im), (re2, im2) = response.observed(phasors)
+        samples = np.ones(re.shape) if noise.samples is None else noise.samples
+        per_variance: Float32 = (samples / first).astype(np.float32)
+        return cls(response, (re, im, re2 * ratio, im2 * ratio), per_variance, ratio)
+
+    def __getitem__(self, some: Index, /) -> "Recorded":
+        re, im, re2, im2 = (part[some] for part in self.phasor)
+        return replace(
+            self,
+            response=self.response.block(some),
+            phasor=(re, im, re2, im2),
+            per_variance=self.per_variance[some],
+        )
+
+    def answers(self, phase_rad: Float32, /) -> tuple[Vector, Vector]:
+        """Return what paths of amplitude 1 give, and its derivative by the phase."""
+        f, g = (self.response.at(row, phase_rad) for row in range(2))
+        ratio = self.ratio
+        return (f.re, f.im, g.re * ratio, g.im * ratio), (
+            f.slope_re,
+            f.slope_im,
+            g.slope_re * ratio,
+            g.slope_im * ratio,
+        )
+
+
+def reach(recorded: Recorded, phase_rad: Float32, sigma_rad: Float32, rule: Rule, /) -> Float32:
+    """Return the largest standard deviation of the direct and the MPI path that other pairs leave, rad, float32 (2, m).
+
+    It is 0 where the phasors contradict all pairs that are tried. The phases found, and their standard deviations without
+    other pairs, are (2, m).
+    """
+    farthest = np.zeros_like(phase_rad)
+    for moved, other in ((0, 1), (1, 0)):
+        for side in (-MOVE, MOVE):
+            where, here, found, at = np.arange(phase_rad.shape[1]), recorded, phase_rad, phase_rad[other]
+            usual = np.square(MOVE / sigma_rad[moved]) * LEAST_SHARE
+            for number in map(np.float32, range(1, MOVES + 1)):
+                turned, _ = here.answers(found[moved] + number * side)
+                misfit, amplitudes, step = fit_beside(here, turned, *here.answers(at))
+                at = at + step
+                alike = (
+                    (amplitudes[0] > 0.0) & (amplitudes[1] > 0.0) & (misfit < MOST_MISFIT) & (np.abs(step) < SETTLED)
+                )
+                by_rad = np.full_like(at, number * side), at - found[other]
+                errors = rule.errors(_in_order(amplitudes, moved), _in_order(by_rad, moved), found[1] - found[0])
+                root = np.sqrt(np.maximum(misfit, FLAT))
+                for path, error in enumerate(errors):
+                    farther = alike & (error / root > farthest[path, where])
+                    farthest[path, where[farther]] = (error / root)[farther]
+                going = np.flatnonzero(alike | (misfit < number * number * usual))
+                if number >= SURE_MOVES and going.size < where.size:
+                    where, here, found, at, usual = where[going], here[going], found[:, going], at[going], usual[going]
+    return farthest
+
+
+def _in_order(values: Pair, moved: int) -> Pair:
+    """Return the values of the path that is moved and of the other one as those of the direct path and of the MPI path."""
+    return values if moved == 0 else (values[1], values[0])
+
+
+def fit_beside(recorded: Recorded, moved: Vector, other: Vector, slope: Vector, /) -> tuple[Float32, Pair, Float32]:
+    """Fit both amplitudes and the phase of the other path beside a path that is `moved`, by linear least squares.
+
+    The columns of the problem are `moved`, `other` and `slope`, the derivative of the other path by its phase. Each is
+    made orthogonal to those before it (Gram–Schmidt). Return the misfit that is left, the amplitudes of the path that is
+    moved and of the other one, and the turn of the other path, rad.
+    """
+    per_moved = 1.0 / _dot(moved, moved)
+    other_along, slope_along, seen_along = (_dot(v, moved) * per_moved for v in (other, slope, recorded.phasor))
+    other, slope = _less(other, other_along, moved), _less(slope, slope_along, moved)
+    seen = _less(recorded.phasor, seen_along, moved)
+    per_other = 1.0 / _dot(other, other)
+    slope_across, seen_across = _dot(slope, other) * per_other, _dot(seen, other) * per_other
+    slope, seen = _less(slope, slope_across, other), _less(seen, seen_across, other)
+    turned = _dot(seen, slope) / _dot(slope, slope)
+    seen = _less(seen, turned, slope)
+    amplitude = seen_across - turned * slope_across
+    beside = seen_along - amplitude * other_along - turned * slope_along
+    step = turned / amplitude
+    step = np.where(step > LARGEST_TURN, LARGEST_TURN, np.where(step < -LARGEST_TURN, -LARGEST_TURN, step))
+    return _dot(seen, seen) * recorded.per_variance, (beside, amplitude), step
+
+
+def _dot(u: Vector, v: Vector) -> Float32:
+    product: Float32 = u[0] * v[0] + u[1] * v[1] + u[2] * v[2] + u[3] * v[3]
+    return product
+
+
+def _less(u: Vector, share: Float32, v: Vector) -> Vector:
+    """Return u − share·v."""
+    return u[0] - share * v[0], u[1] - share * v[1], u[2] - share * v[2], u[3] - share * v[3]
+
+
+def reached(recorded: Recorded, phase_rad: Float32, sigma_rad: Float32, rule: Rule, /) -> Float32:
+    """Return the result of `reach`, computed by the chosen kernel; all kernels give the same bits."""
+    kernel = chosen_kernel()
+    if kernel == NUMPY:
+        return reach(recorded, phase_rad, sigma_rad, rule)
+    tables = recorded.response.stages[-1]
+    numbers = [table.harmonic for table in tables]
+    constants = [
+        *numbers,
+        *(STEP / number for number in numbers),
+        1.0 / STEP,
+        recorded.ratio,
+        MOVE,
+        rule.least_ratio,
+        rule.sign,
+    ]
+    farthest = np.empty(phase_rad.shape, np.float32)
+    given = (
+        *(table.entries for table in tables),
+        recorded.response.phase_rad,
+        np.stack(recorded.phasor),
+        recorded.per_variance,
+        phase_rad,
+        sigma_rad,
+    )
+    extension().follow_pairs(kernel, np.array(constants, np.float32), *contiguous(*given), farthest)
+    return farthest
