@@ -4,129 +4,154 @@
 
 #define MOVES 16
 #define SURE_MOVES 3
+#define MOST_ROWS 8 /* kernels.py: MOST_HARMONICS */
+#define MOST_PARTS (2 * MOST_ROWS)
 
-/* Constants that all pixels share: those of the search up to PER_STEP, then the ratio of harmonic 2, MOVE, and the rule of
- * the direct path. */
-enum { RATIO = PER_STEP + 1, MOVE, LEAST_RATIO, SIGN, FOLLOW_CONSTANTS };
+/* Constants that all pixels share; after these come, for each harmonic, its number h, then 2 pi / ENTRIES / h of each, then
+ * the ratio of each. */
+enum { FOLLOW_PER_STEP, MOVE, LEAST_RATIO, SIGN, FOLLOW_CONSTANTS };
 
 typedef struct {
     const float *constants;
-    const float *table[2];     /* for each harmonic: ENTRIES times re, im and their slopes */
-    const float *phase_rad;    /* own phases of the pixels, 2 x pixels; NULL: none */
-    const float *phasor;       /* 4 x pixels: re, im of harmonic 1, then of 2 */
+    const float *tables;       /* rows x ENTRIES times re, im and their slopes */
+    const float *phase_rad;    /* own phases of the pixels, rows x pixels; NULL: none */
+    const float *phasor;       /* 2 rows x pixels: re, im of each harmonic */
     const float *per_variance; /* pixels */
     const float *found;        /* 2 x pixels: phases of both paths */
     const float *sigma;        /* 2 x pixels: their standard deviations */
     float *farthest;           /* 2 x pixels */
     int64_t pixels;
+    int rows;                  /* number of harmonics */
 } Follow;
 
-/* The answers of both harmonics to two paths, path 0 the one that is moved, and what is known of the pixels. */
+/* The vectors of other_pairs.py have re and im of each harmonic. `moved` belongs to the path that is moved, `other` and `slope`
+ * to the other one. */
 typedef struct {
-    Side side[2];
-    FloatRow phasor[4], phase_rad[2], per_variance, found[2], sigma[2], farthest[2], at, misfit, amplitude[2], step, usual, going;
+    FloatRow moved[MOST_PARTS], other[MOST_PARTS], slope[MOST_PARTS], phasor[MOST_PARTS], own[MOST_ROWS];
+    FloatRow per_variance, found[2], sigma[2], farthest[2], least, misfit, amplitude[2], step, going;
 } FollowGroup;
 
-/* newton.py: ResponseBlock.at, at both harmonics; Recorded.answers */
-INLINE void answers(FollowGroup *restrict g, const Follow *restrict follow, int path, const float *restrict phase) {
-    for (int row = 0; row < 2; row++) {
-        const float number = follow->constants[NUMBER_1 + row];
+/* other_pairs.py: Recorded.answers. If `slope` is NULL, it is not wanted. */
+INLINE void answers(const FollowGroup *restrict g, const Follow *restrict follow, const float *restrict phase, FloatRow *restrict to,
+                    FloatRow *restrict slope) {
+    const float *numbers = follow->constants + FOLLOW_CONSTANTS, *back = numbers + follow->rows, *ratios = back + follow->rows;
+    for (int row = 0; row < follow->rows; row++) {
+        const float number = numbers[row], ratio = ratios[row];
         FloatRow theta;
-        if (follow->phase_rad) EACH_PIXEL theta[i] = phase[i] * number + g->phase_rad[row][i];
+        if (follow->phase_rad) EACH_PIXEL theta[i] = phase[i] * number + g->own[row][i];
         else EACH_PIXEL theta[i] = phase[i] * number;
-        look_up(&g->side[row], path, theta, follow->table[row], follow->constants[PER_STEP], follow->constants[BACK_1 + row]);
-    }
-    const float ratio = follow->constants[RATIO];
-    Side *restrict second = &g->side[1];
-    EACH_PIXEL {
-        second->re[path][i] *= ratio;
-        second->im[path][i] *= ratio;
-        second->slope_re[path][i] *= ratio;
-        second->slope_im[path][i] *= ratio;
+        Side side;
+        look_up(&side, 0, theta, follow->tables + 4 * (int64_t)ENTRIES * row, follow->constants[FOLLOW_PER_STEP], back[row]);
+        EACH_PIXEL to[2 * row][i] = side.re[0][i] * ratio;
+        EACH_PIXEL to[2 * row + 1][i] = side.im[0][i] * ratio;
+        if (slope) {
+            EACH_PIXEL slope[2 * row][i] = side.slope_re[0][i] * ratio;
+            EACH_PIXEL slope[2 * row + 1][i] = side.slope_im[0][i] * ratio;
+        }
     }
 }
 
-/* other_pairs.py: Vector, _dot, _less */
-typedef struct {
-    float re, im, re2, im2;
-} Four;
+/* other_pairs.py: _dot */
+INLINE float dot(const float *u, const float *v, const int parts) {
+    float product = u[0] * v[0];
+    for (int part = 1; part < parts; part++) product = product + u[part] * v[part];
+    return product;
+}
 
-INLINE float dot(Four u, Four v) { return u.re * v.re + u.im * v.im + u.re2 * v.re2 + u.im2 * v.im2; }
-
-INLINE Four less(Four u, float share, Four v) {
-    const Four left = {u.re - share * v.re, u.im - share * v.im, u.re2 - share * v.re2, u.im2 - share * v.im2};
-    return left;
+/* other_pairs.py: _less, in the place of u */
+INLINE void take_off(float *restrict u, float share, const float *restrict v, const int parts) {
+    for (int part = 0; part < parts; part++) u[part] = u[part] - share * v[part];
 }
 
 /* other_pairs.py: fit_beside */
-INLINE void fit_beside(FollowGroup *restrict g) {
-    const Side *restrict s = &g->side[0], *restrict t = &g->side[1];
+INLINE void fit_parts_beside(FollowGroup *restrict g, const int parts) {
     EACH_PIXEL {
-        const Four moved = {s->re[0][i], s->im[0][i], t->re[0][i], t->im[0][i]};
-        Four other = {s->re[1][i], s->im[1][i], t->re[1][i], t->im[1][i]};
-        Four slope = {s->slope_re[1][i], s->slope_im[1][i], t->slope_re[1][i], t->slope_im[1][i]};
-        Four seen = {g->phasor[0][i], g->phasor[1][i], g->phasor[2][i], g->phasor[3][i]};
-        const float per_moved = 1.0f / dot(moved, moved);
-        const float other_along = dot(other, moved) * per_moved, slope_along = dot(slope, moved) * per_moved;
-        const float seen_along = dot(seen, moved) * per_moved;
-        other = less(other, other_along, moved);
-        slope = less(slope, slope_along, moved);
-        seen = less(seen, seen_along, moved);
-        const float per_other = 1.0f / dot(other, other);
-        const float slope_across = dot(slope, other) * per_other, seen_across = dot(seen, other) * per_other;
-        slope = less(slope, slope_across, other);
-        seen = less(seen, seen_across, other);
-        const float turned = dot(seen, slope) / dot(slope, slope);
-        seen = less(seen, turned, slope);
+        float moved[MOST_PARTS], other[MOST_PARTS], slope[MOST_PARTS], seen[MOST_PARTS];
+        for (int part = 0; part < parts; part++) {
+            moved[part] = g->moved[part][i];
+            other[part] = g->other[part][i];
+            slope[part] = g->slope[part][i];
+            seen[part] = g->phasor[part][i];
+        }
+        const float per_moved = 1.0f / dot(moved, moved, parts);
+        const float other_along = dot(other, moved, parts) * per_moved, slope_along = dot(slope, moved, parts) * per_moved;
+        const float seen_along = dot(seen, moved, parts) * per_moved;
+        take_off(other, other_along, moved, parts);
+        take_off(slope, slope_along, moved, parts);
+        take_off(seen, seen_along, moved, parts);
+        const float per_other = 1.0f / dot(other, other, parts);
+        const float slope_across = dot(slope, other, parts) * per_other, seen_across = dot(seen, other, parts) * per_other;
+        take_off(slope, slope_across, other, parts);
+        take_off(seen, seen_across, other, parts);
+        const float turned = dot(seen, slope, parts) / dot(slope, slope, parts);
+        take_off(seen, turned, slope, parts);
         const float amplitude = seen_across - turned * slope_across;
-        const float beside = seen_along - amplitude * other_along - turned * slope_along;
-        float step = turned / amplitude;
-        step = step < -0.4f ? -0.4f : step;
-        step = step > 0.4f ? 0.4f : step;
-        g->misfit[i] = dot(seen, seen) * g->per_variance[i];
-        g->amplitude[0][i] = beside;
+        const float step = turned / amplitude, low = step < -0.4f ? -0.4f : step;
+        g->amplitude[0][i] = seen_along - amplitude * other_along - turned * slope_along;
         g->amplitude[1][i] = amplitude;
-        g->step[i] = step;
+        g->step[i] = low > 0.4f ? 0.4f : low;
+        g->misfit[i] = dot(seen, seen, parts) * g->per_variance[i];
     }
 }
 
-/* other_pairs.py: the loop over MOVES in `reach`. A pixel that does not go on stays as it is. */
-INLINE void follow_to_side(FollowGroup *restrict g, const Follow *restrict follow, int moved, float side) {
-    const int other = 1 - moved;
+/* With a constant number of parts, the compiler keeps them in registers. */
+INLINE void fit_beside(FollowGroup *restrict g, int rows) {
+    if (rows == 2) fit_parts_beside(g, 4);
+    else if (rows == 3) fit_parts_beside(g, 6);
+    else if (rows == 4) fit_parts_beside(g, 8);
+    else fit_parts_beside(g, 2 * rows);
+}
+
+INLINE int any_going(const float *restrict going) {
+    int32_t found = 0;
+    EACH_PIXEL found |= going[i] > 0.0f;
+    return found != 0;
+}
+
+/* other_pairs.py: the loop over MOVES in `reach`. Rows whose place depends on `moved` are copied: otherwise the compiler has to
+ * assume that they overlap others. */
+INLINE void follow_to_side(FollowGroup *restrict g, const Follow *restrict follow, const int moved, float side) {
     const float length = follow->constants[MOVE], least = follow->constants[LEAST_RATIO], sign = follow->constants[SIGN];
+    FloatRow from, from_other, usual, at, gap;
+    EACH_PIXEL from[i] = g->found[moved][i];
+    EACH_PIXEL at[i] = from_other[i] = g->found[1 - moved][i];
     EACH_PIXEL {
         const float per_sigma = length / g->sigma[moved][i];
-        g->usual[i] = per_sigma * per_sigma * 0.5f;
-        g->at[i] = g->found[other][i];
+        usual[i] = per_sigma * per_sigma * 0.5f;
+        gap[i] = g->found[1][i] - g->found[0][i];
     }
     for (int number = 1; number <= MOVES; number++) {
         const float turn = (float)number * (side * length), square = (float)(number * number);
-        FloatRow phase;
-        EACH_PIXEL phase[i] = g->found[moved][i] + turn;
-        answers(g, follow, 0, phase);
-        answers(g, follow, 1, g->at);
-        fit_beside(g);
-        const float *restrict direct = g->amplitude[moved], *restrict mpi = g->amplitude[other];
-        int32_t going = 0;
+        const int sure = number < SURE_MOVES;
+        FloatRow phase, direct, mpi, direct_by, mpi_by, error, error_of_mpi;
+        EACH_PIXEL phase[i] = from[i] + turn;
+        answers(g, follow, phase, g->moved, NULL);
+        answers(g, follow, at, g->other, g->slope);
+        fit_beside(g, follow->rows);
         EACH_PIXEL {
-            g->at[i] = g->at[i] + g->step[i];
-            const int alike = (direct[i] > 0.0f) & (mpi[i] > 0.0f) & (g->misfit[i] < 9.0f) & (fabsf(g->step[i]) < 0.15f);
-            const int counts = alike & (g->going[i] > 0.0f);
-            /* Rule.errors */
-            const float other_by = g->at[i] - g->found[other][i], gap = g->found[1][i] - g->found[0][i];
-            const float direct_by = moved ? other_by : turn, mpi_by = moved ? turn : other_by;
-            const float order = (gap + mpi_by - direct_by) * sign;
-            const int swapped = (direct[i] < least * mpi[i]) | ((mpi[i] >= least * direct[i]) & (order < 0.0f));
-            const float root = sqrtf(larger(g->misfit[i], 3.0f));
-            const float error = fabsf(swapped ? gap + mpi_by : direct_by) / root;
-            const float error_of_mpi = fabsf(swapped ? direct_by - gap : mpi_by) / root;
-            g->farthest[0][i] = counts & (error > g->farthest[0][i]) ? error : g->farthest[0][i];
-            g->farthest[1][i] = counts & (error_of_mpi > g->farthest[1][i]) ? error_of_mpi : g->farthest[1][i];
-            const int goes_on = (number < SURE_MOVES) | alike | (g->misfit[i] < square * g->usual[i]);
-            g->going[i] = goes_on ? g->going[i] : 0.0f;
-            going |= g->going[i] > 0.0f;
+            at[i] = at[i] + g->step[i];
+            direct_by[i] = moved ? at[i] - from_other[i] : turn;
+            mpi_by[i] = moved ? turn : at[i] - from_other[i];
+            direct[i] = moved ? g->amplitude[1][i] : g->amplitude[0][i];
+            mpi[i] = moved ? g->amplitude[0][i] : g->amplitude[1][i];
         }
-        if (!going) return;
+        /* Rule.errors */
+        EACH_PIXEL {
+            const float order = (gap[i] + mpi_by[i] - direct_by[i]) * sign;
+            const int swapped = (direct[i] < least * mpi[i]) | ((mpi[i] >= least * direct[i]) & (order < 0.0f));
+            error[i] = fabsf(swapped ? gap[i] + mpi_by[i] : direct_by[i]);
+            error_of_mpi[i] = fabsf(swapped ? direct_by[i] - gap[i] : mpi_by[i]);
+        }
+        EACH_PIXEL {
+            const float grown = g->misfit[i] - g->least[i], root = sqrtf(grown > 3.0f ? grown : 3.0f);
+            const int alike = (direct[i] > 0.0f) & (mpi[i] > 0.0f) & (grown < 9.0f) & (fabsf(g->step[i]) < 0.15f);
+            const float first = error[i] / root, second = error_of_mpi[i] / root, before = g->going[i];
+            const int counts = alike & (before > 0.0f), goes_on = sure | alike | (grown < square * usual[i]);
+            g->farthest[0][i] = counts & (first > g->farthest[0][i]) ? first : g->farthest[0][i];
+            g->farthest[1][i] = counts & (second > g->farthest[1][i]) ? second : g->farthest[1][i];
+            g->going[i] = goes_on ? before : 0.0f;
+        }
+        if (!any_going(g->going)) return;
     }
 }
 
@@ -138,16 +163,22 @@ INLINE void follow_pairs(const Follow *restrict follow) {
         const int m = in_group(n - start);
         for (int i = 0; i < m; i++) {
             const int64_t pixel = start + i;
-            for (int v = 0; v < 4; v++) g->phasor[v][i] = follow->phasor[v * n + pixel];
+            for (int part = 0; part < 2 * follow->rows; part++) g->phasor[part][i] = follow->phasor[part * n + pixel];
             for (int path = 0; path < 2; path++) {
                 g->found[path][i] = follow->found[path * n + pixel];
                 g->sigma[path][i] = follow->sigma[path * n + pixel];
             }
             if (follow->phase_rad)
-                for (int row = 0; row < 2; row++) g->phase_rad[row][i] = follow->phase_rad[row * n + pixel];
+                for (int row = 0; row < follow->rows; row++) g->own[row][i] = follow->phase_rad[row * n + pixel];
             g->per_variance[i] = follow->per_variance[pixel];
         }
-        EACH_PIXEL g->farthest[0][i] = g->farthest[1][i] = 0.0f;
+        answers(g, follow, g->found[0], g->moved, NULL);
+        answers(g, follow, g->found[1], g->other, g->slope);
+        fit_beside(g, follow->rows);
+        EACH_PIXEL {
+            g->least[i] = g->misfit[i];
+            g->farthest[0][i] = g->farthest[1][i] = 0.0f;
+        }
         for (int moved = 0; moved < 2; moved++)
             for (int side = -1; side <= 1; side += 2) {
                 EACH_PIXEL g->going[i] = i < m ? 1.0f : 0.0f;

@@ -1,25 +1,22 @@
-"""Other pairs of paths that explain phasors of harmonics 1 and 2 nearly as well, and the standard deviations that they
-leave.
+"""Other pairs of paths that explain the phasors nearly as well, and the standard deviations that they leave.
 
-A triangle is made of straight pieces, and there four equations do not determine two paths: if the paths lie on
-neighbouring pieces of harmonic 2, and on one piece of harmonic 1, all pairs on a line give the same phasors. The pulse
-rounds the corners off, so that one of these pairs fits best. But what noise does to that pair does not say how far the
-line leads. So the line is followed: one path is moved by δ, the other path and both amplitudes are fitted, and the
-misfit χ² that is left gives a standard deviation |δ|/√χ². Where phasors are linear in the paths, it is the same for
-every δ. If all δ up to some length are as likely, it is that length over √3. This is a profile likelihood (Venzon and
-Moolgavkar 1988, doi:10.2307/2347496).
+A triangle is made of straight pieces, and there phasors do not determine two paths: if the paths lie on neighbouring
+pieces of harmonic 2, and on one piece of harmonic 1, all pairs on a line give the same phasors of both. The pulse rounds
+the corners off, so that one of these pairs fits best. But what noise does to that pair does not say how far the line
+leads. So the line is followed: one path is moved by δ, the other path and both amplitudes are fitted, and the growth of
+the misfit, Δχ², gives a standard deviation |δ|/√Δχ². Where phasors are linear in the paths, it is the same for every δ.
+If all δ up to some length are as likely, it is that length over √3. This is a profile likelihood (Venzon and Moolgavkar
+1988, doi:10.2307/2347496).
 
 All numbers have single precision, as in `newton.py`. `_other_pairs.h` is the compiled twin of `reach`; `reached` calls it.
 """
-
-from dataclasses import replace
 
 import numpy as np
 
 from cadtof_cli.arrays import Complex, Float32, Index
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel, contiguous, extension
+from cadtof_cli.resolver.kernels import chosen_kernel, contiguous, extension, is_compiled_for
 from cadtof_cli.resolver.paths import CLOSE_ENOUGH, FULL_TURN, Fit
 from cadtof_cli.resolver.response.table import STEP, ResponseBlock
 from cadtof_cli.resolver.settings import ResolverSettings
@@ -38,34 +35,35 @@ SETTLED = np.float32(0.15)
 """Turn of the other path in a step, rad, above which it is not fitted, so that the pair does not count."""
 
 FLAT = np.float32(3.0)
-"""Least χ² by which a move counts: of a line of pairs that are all as likely, the root mean square distance is its length
+"""Least Δχ² by which a move counts: of a line of pairs that are all as likely, the root mean square distance is its length
 over √3."""
 
 MOST_MISFIT = np.float32(9.0)
-"""χ² above which noise hardly makes one pair of paths look like another: three standard deviations."""
+"""Δχ² above which noise hardly makes one pair of paths look like another: three standard deviations."""
 
 SURE_MOVES, LEAST_SHARE = 3, np.float32(0.5)
-"""A path is moved on after `SURE_MOVES` as long as χ² is below `MOST_MISFIT`, or below this share of what it would be if
-phasors were linear in the paths: beyond a corner, χ² may become small again."""
+"""A path is moved on after `SURE_MOVES` as long as Δχ² is below `MOST_MISFIT`, or below this share of what it would be if
+phasors were linear in the paths: beyond a corner, it may become small again."""
 
 Pair = tuple[Float32, Float32]
 """Values of both paths, float32 (m,) each."""
 
-Vector = tuple[Float32, Float32, Float32, Float32]
-"""Real and imaginary part at harmonic 1, then at harmonic 2, float32 (m,) each. Those at harmonic 2 are multiplied by
-`Recorded.ratio`, so that all have the same noise."""
+Vector = list[Float32]
+"""Real and imaginary part at each harmonic, float32 (m,) each. They are multiplied by `Recorded.ratios`, so that all have
+the same noise."""
 
 
 def widen(
     fit: Fit, phasors: Complex, /, *, noise: NoiseModel, response: ResponseBlock, settings: ResolverSettings
 ) -> None:
-    """Widen the standard deviations of two paths to those of the other pairs that explain their phasors, complex128 (2, n).
+    """Widen the standard deviations of two paths to those of the other pairs that explain their phasors, complex128 (H, n).
 
-    The doubt follows from them. Pixels with one path, and phasors of more than two harmonics, stay as they are. By the
-    `settings`, the other path may be the direct one in another pair.
+    The doubt follows from them. Pixels with one path, or with three and more, stay as they are. By the `settings`, the
+    other path may be the direct one in another pair.
     """
-    pixels = np.flatnonzero(np.isfinite(fit.paths.amplitude[1]))
-    if not pixels.size or len(phasors) > 2:
+    one, two, *more = np.isfinite(fit.paths.amplitude)
+    pixels = np.flatnonzero(one & two & ~np.any(more, axis=0))
+    if not pixels.size:
         return
     phase_rad, sigma_rad = fit.paths.phase_rad[:2, pixels], fit.paths.sigma_rad[:2, pixels]
     recorded = Recorded.of(response.block(pixels), phasors[:, pixels], noise[pixels])
@@ -108,44 +106,38 @@ class Rule:
 class Recorded:
     """The phasors of m pixels as recorded, and their response.
 
-    `per_variance`, (m,), is one over the variance of harmonic 1 per channel; `ratio` is the standard deviation of
-    harmonic 1 over that of harmonic 2.
+    `per_variance`, (m,), is one over the variance of the first harmonic per channel; `ratios` are the standard deviations
+    of the first harmonic over those of each.
     """
 
     response: ResponseBlock
     phasor: Vector
     per_variance: Float32
-    ratio: np.float32
+    ratios: tuple[np.float32, ...]
 
     @classmethod
     def of(cls, response: ResponseBlock, phasors: Complex, noise: NoiseModel, /) -> "Recorded":
-        """Return the phasors, complex128 (2, m), as recorded."""
-        first, second = (one.dark_variance for one in noise.each)
-        ratio = np.float32(np.sqrt(first / second))
-        (re, im), (re2, im2) = response.observed(phasors)
-        samples = np.ones(re.shape) if noise.samples is None else noise.samples
+        """Return the phasors, complex128 (H, m), as recorded."""
+        first = noise.each[0].dark_variance
+        ratios = tuple(np.float32(np.sqrt(first / one.dark_variance)) for one in noise.each)
+        seen = zip(response.observed(phasors), ratios, strict=True)
+        samples = np.ones(phasors.shape[1]) if noise.samples is None else noise.samples
         per_variance: Float32 = (samples / first).astype(np.float32)
-        return cls(response, (re, im, re2 * ratio, im2 * ratio), per_variance, ratio)
+        return cls(response, [part * ratio for parts, ratio in seen for part in parts], per_variance, ratios)
 
     def __getitem__(self, some: Index, /) -> "Recorded":
-        re, im, re2, im2 = (part[some] for part in self.phasor)
-        return replace(
-            self,
-            response=self.response.block(some),
-            phasor=(re, im, re2, im2),
-            per_variance=self.per_variance[some],
-        )
+        phasor = [part[some] for part in self.phasor]
+        return Recorded(self.response.block(some), phasor, self.per_variance[some], self.ratios)
 
     def answers(self, phase_rad: Float32, /) -> tuple[Vector, Vector]:
         """Return what paths of amplitude 1 give, and its derivative by the phase."""
-        f, g = (self.response.at(row, phase_rad) for row in range(2))
-        ratio = self.ratio
-        return (f.re, f.im, g.re * ratio, g.im * ratio), (
-            f.slope_re,
-            f.slope_im,
-            g.slope_re * ratio,
-            g.slope_im * ratio,
-        )
+        found: Vector = []
+        slopes: Vector = []
+        for row, ratio in enumerate(self.ratios):
+            f = self.response.at(row, phase_rad)
+            found += [f.re * ratio, f.im * ratio]
+            slopes += [f.slope_re * ratio, f.slope_im * ratio]
+        return found, slopes
 
 
 def reach(recorded: Recorded, phase_rad: Float32, sigma_rad: Float32, rule: Rule, /) -> Float32:
@@ -155,26 +147,27 @@ def reach(recorded: Recorded, phase_rad: Float32, sigma_rad: Float32, rule: Rule
     other pairs, are (2, m).
     """
     farthest = np.zeros_like(phase_rad)
+    least, _, _ = fit_beside(recorded, recorded.answers(phase_rad[0])[0], *recorded.answers(phase_rad[1]))
     for moved, other in ((0, 1), (1, 0)):
         for side in (-MOVE, MOVE):
             where, here, found, at = np.arange(phase_rad.shape[1]), recorded, phase_rad, phase_rad[other]
-            usual = np.square(MOVE / sigma_rad[moved]) * LEAST_SHARE
+            before, usual = least, np.square(MOVE / sigma_rad[moved]) * LEAST_SHARE
             for number in map(np.float32, range(1, MOVES + 1)):
                 turned, _ = here.answers(found[moved] + number * side)
                 misfit, amplitudes, step = fit_beside(here, turned, *here.answers(at))
-                at = at + step
-                alike = (
-                    (amplitudes[0] > 0.0) & (amplitudes[1] > 0.0) & (misfit < MOST_MISFIT) & (np.abs(step) < SETTLED)
-                )
+                at, grown = at + step, misfit - before
+                positive = (amplitudes[0] > 0.0) & (amplitudes[1] > 0.0)
+                alike = positive & (grown < MOST_MISFIT) & (np.abs(step) < SETTLED)
                 by_rad = np.full_like(at, number * side), at - found[other]
                 errors = rule.errors(_in_order(amplitudes, moved), _in_order(by_rad, moved), found[1] - found[0])
-                root = np.sqrt(np.maximum(misfit, FLAT))
+                root = np.sqrt(np.maximum(grown, FLAT))
                 for path, error in enumerate(errors):
                     farther = alike & (error / root > farthest[path, where])
                     farthest[path, where[farther]] = (error / root)[farther]
-                going = np.flatnonzero(alike | (misfit < number * number * usual))
+                going = np.flatnonzero(alike | (grown < number * number * usual))
                 if number >= SURE_MOVES and going.size < where.size:
-                    where, here, found, at, usual = where[going], here[going], found[:, going], at[going], usual[going]
+                    where, here, found, at = where[going], here[going], found[:, going], at[going]
+                    before, usual = before[going], usual[going]
     return farthest
 
 
@@ -207,39 +200,33 @@ def fit_beside(recorded: Recorded, moved: Vector, other: Vector, slope: Vector, 
 
 
 def _dot(u: Vector, v: Vector) -> Float32:
-    product: Float32 = u[0] * v[0] + u[1] * v[1] + u[2] * v[2] + u[3] * v[3]
+    product: Float32 = u[0] * v[0]
+    for one, other in zip(u[1:], v[1:], strict=True):
+        product = product + one * other
     return product
 
 
 def _less(u: Vector, share: Float32, v: Vector) -> Vector:
     """Return u − share·v."""
-    return u[0] - share * v[0], u[1] - share * v[1], u[2] - share * v[2], u[3] - share * v[3]
+    return [one - share * other for one, other in zip(u, v, strict=True)]
 
 
 def reached(recorded: Recorded, phase_rad: Float32, sigma_rad: Float32, rule: Rule, /) -> Float32:
     """Return the result of `reach`, computed by the chosen kernel; all kernels give the same bits."""
-    kernel = chosen_kernel()
-    if kernel == NUMPY:
-        return reach(recorded, phase_rad, sigma_rad, rule)
     tables = recorded.response.stages[-1]
+    if not is_compiled_for(len(tables)):
+        return reach(recorded, phase_rad, sigma_rad, rule)
     numbers = [table.harmonic for table in tables]
-    constants = [
-        *numbers,
-        *(STEP / number for number in numbers),
-        1.0 / STEP,
-        recorded.ratio,
-        MOVE,
-        rule.least_ratio,
-        rule.sign,
-    ]
+    shared = [1.0 / STEP, MOVE, rule.least_ratio, rule.sign]
+    constants = [*shared, *numbers, *(STEP / number for number in numbers), *recorded.ratios]
     farthest = np.empty(phase_rad.shape, np.float32)
     given = (
-        *(table.entries for table in tables),
+        np.stack([table.entries for table in tables]),
         recorded.response.phase_rad,
         np.stack(recorded.phasor),
         recorded.per_variance,
         phase_rad,
         sigma_rad,
     )
-    extension().follow_pairs(kernel, np.array(constants, np.float32), *contiguous(*given), farthest)
+    extension().follow_pairs(chosen_kernel(), np.array(constants, np.float32), *contiguous(*given), farthest)
     return farthest

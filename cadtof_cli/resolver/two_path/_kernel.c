@@ -194,7 +194,7 @@ static PyMethodDef METHODS[] = {
      "search(level, steps, constants, first table, second table, phases, observed, enough, start, values, misfit, done)\n\n"
      "Fill values, misfit and done. Everybody but the tests calls it through response/newton.py."},
     {"follow_pairs", follow_pairs_of, METH_VARARGS,
-     "follow_pairs(level, constants, first table, second table, phases, phasors, per variance, found, sigma, farthest)\n\n"
+     "follow_pairs(level, constants, tables, phases, phasors, per variance, found, sigma, farthest)\n\n"
      "Fill farthest. Everybody but the tests calls it through response/other_pairs.py."},
     LEVELS_METHOD,
     {"constant_names", constant_names, METH_NOARGS, "Names of the constants, in the order in which resolve takes them."},

@@ -3,6 +3,7 @@
 `scripts/sanitize` runs these tests with the address and undefined-behaviour sanitizers.
 """
 
+from dataclasses import replace
 from types import ModuleType
 from typing import Any
 
@@ -47,6 +48,18 @@ def test_pairs_reach_as_far_to_the_bit(rule: Rule, phases: bool, apart: float) -
     assert (found > 0.0).mean() > (0.5 if apart < 1.0 and not phases else 0.005)
 
 
+@pytest.mark.parametrize("harmonics", [3, 4, 5, 9])
+def test_more_harmonics_reach_as_far_to_the_bit(harmonics: int) -> None:
+    """The compiled code keeps three and four harmonics in registers, and has no room for nine."""
+    response, true = block(phases=True, harmonics=harmonics), paths(1)
+    true[3] = true[1] + np.float32(0.3)
+    noise = replace(
+        NOISE, each=tuple(replace(NOISE.each[0], harmonic=1 + row, floor=1e-7 * row) for row in range(harmonics))
+    )
+    seen = Recorded.of(response, recorded(true, response), noise)
+    assert (assert_same_bits(seen, true[1::2], np.full((2, COUNT), 0.01, np.float32)) > 0.0).any()
+
+
 @pytest.mark.parametrize("name", HARD)
 def test_hard_pixels_reach_as_far_to_the_bit(name: str) -> None:
     rng = np.random.default_rng(3)
@@ -68,10 +81,10 @@ def test_a_pixel_reaches_as_far_in_a_block_of_any_size(count: int) -> None:
 
 
 PIXELS = 37
-SIZES = (9, 4 * ENTRIES, 4 * ENTRIES, 2 * PIXELS, 4 * PIXELS, PIXELS, 2 * PIXELS, 2 * PIXELS, 2 * PIXELS)
-"""Numbers of values: constants, two tables, phases, phasors, per variance, found, sigma, farthest."""
+SIZES = (4 + 3 * 2, 8 * ENTRIES, 2 * PIXELS, 4 * PIXELS, PIXELS, 2 * PIXELS, 2 * PIXELS, 2 * PIXELS)
+"""Numbers of values: constants, tables, phases, phasors, per variance, found, sigma, farthest."""
 
-PHASES = 3
+PHASES = 2
 
 
 @pytest.mark.parametrize("place", range(len(SIZES)))
@@ -90,6 +103,11 @@ def test_an_output_that_overlaps_an_input_or_is_read_only_is_refused(compiled: M
     only_read.flags.writeable = False
     assert_refused(compiled.follow_pairs, sound, len(SIZES), only_read)
     assert_refused(compiled.follow_pairs, sound, 0, "mmx")
+    for harmonics in (1, 9):
+        others = 4 + 3 * harmonics, 4 * ENTRIES * harmonics, harmonics * PIXELS, 2 * harmonics * PIXELS
+        unfit = [np.ones(size, np.float32) for size in (*others, *SIZES[4:])]
+        with pytest.raises(ValueError, match="harmonics, expected 2 to 8"):
+            compiled.follow_pairs(compiled.levels()[0], *unfit)
 
 
 @settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
