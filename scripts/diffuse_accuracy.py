@@ -134,7 +134,7 @@ def with_less_light(
     The added noise along and across each phasor is that of a single path with the phasor's amplitude (docs/physics.md,
     the covariance of Eq. 1).
     """
-    length, recorded = float(round(integration_length * 2 / len(stored))), metadata.pixel.integration_length or 0.0
+    length, recorded = float(round(integration_length * 2 / len(stored))), metadata.pixel.mean_length or 0.0
     if length >= recorded:
         raise SystemExit(f"found captures of an integration length of {recorded:g}, expected more than {length:g}")
     before, after = (noise_model(metadata, integration_length=n, quantised=False).each for n in (recorded, length))

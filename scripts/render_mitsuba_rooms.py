@@ -126,7 +126,7 @@ def _statistics(light: Complex, ambient: float, metadata: CaptureMetadata) -> Vo
     pulse = np.exp(-((np.arange(len(light)) * spread_rad) ** 2) / 2)
     shares = pulse[:, None, None] * light / (light[0].real + ambient)
     shares[0] = 1.0
-    gain = averaging_gain(metadata.pixel.integration_length or 0.0)
+    gain = averaging_gain(metadata.pixel.mean_length or 0.0)
     means, covariances = [], []
     for harmonic in modulation.harmonics:
         mean = sample_mean(shares, harmonic=harmonic, waveform=modulation.waveform)

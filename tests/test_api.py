@@ -495,11 +495,15 @@ def test_a_simulated_scene_is_what_the_command_records(tmp_path: Path) -> None:
     done = cadtof(
         *("simulate", "--scene", "corner", "--frames", "2", "--seed", "5", "--width", "32", "--height", "24"),
         *("--asr", "3", "--opening", "80", "--petzval", "0.03,0", "--quiet", "-j", "1", "-o", tmp_path / "corner"),
+        *("--gain-mismatch", "0.05", "--jitter", "0.2", "--integration-length", "1e5,1e4"),
     )
     assert done.status == 0, done.err
     read = list(read_frames(tmp_path / "corner"))
     camera = {"width": 32, "height": 24, "petzval_m": (0.03, 0.0)}
-    made = simulate_scene("corner", frames=2, seed=5, camera=camera, asr=3.0, opening_deg=80.0)
+    pixel, lengths = {"gain_mismatch": 0.05, "jitter_ns": 0.2}, [1e5, 1e4]
+    made = simulate_scene(
+        "corner", frames=2, seed=5, integration_length=lengths, camera=camera, pixel=pixel, asr=3.0, opening_deg=80.0
+    )
     assert [frame.name for frame in made.frames] == [frame.name for frame in read]
     for ours, theirs in zip(made.frames, read, strict=True):
         assert ours.metadata == theirs.metadata

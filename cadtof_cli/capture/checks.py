@@ -8,7 +8,17 @@ from typing import Any, Literal, NamedTuple
 from cadtof_cli.errors import MetadataError
 from cadtof_cli.units import shortened
 
-Kind = Literal["number", "whole number", "numbers", "whole numbers", "pair", "text", "names", "numbers by name"]
+Kind = Literal[
+    "number",
+    "whole number",
+    "numbers",
+    "number or numbers",
+    "whole numbers",
+    "pair",
+    "text",
+    "names",
+    "numbers by name",
+]
 
 MOST_LETTERS = 200
 """Most letters of a value that a message shows."""
@@ -22,6 +32,7 @@ _EXPECTED: dict[Kind, str] = {
     "whole number": "a whole number",
     "text": "a string",
     "numbers": "a list of numbers",
+    "number or numbers": "a number, or a list of numbers",
     "whole numbers": "a list of whole numbers",
     "pair": "a list of two numbers",
     "names": "a list of two names",
@@ -64,7 +75,7 @@ def converted(kind: Kind, value: Any, /) -> Any:
         TypeError: the value is not of this kind; the message is the expected kind, in words.
     """
     match kind, value:
-        case ("number", int() | float()) if not isinstance(value, bool) and (
+        case ("number" | "number or numbers", int() | float()) if not isinstance(value, bool) and (
             type(value) is float or abs(value) < _BEYOND_FLOAT
         ):
             return float(value)
@@ -73,7 +84,7 @@ def converted(kind: Kind, value: Any, /) -> Any:
         case ("whole numbers", [_, *_]):
             whole = (int(item) if isinstance(item, float) and item.is_integer() else item for item in value)
             return tuple(converted("whole number", item) for item in whole)
-        case ("numbers", [_, *_]) | ("pair", [_, _]):
+        case ("numbers" | "number or numbers", [_, *_]) | ("pair", [_, _]):
             return tuple(converted("number", item) for item in value)
         case ("names", [_, _]):
             return tuple(converted("text", item) for item in value)
@@ -122,6 +133,16 @@ def each(check: Check, /) -> Check:
         lambda values: all(map(check.holds, values)),
         check.expected,
         lambda values: next(value for value in values if not check.holds(value)),
+    )
+
+
+def one_or_each(check: Check, /) -> Check:
+    """Return the check that a number passes `check`, or that all numbers of a list do."""
+    several = each(check)
+    return Check(
+        lambda value: several.holds(value) if isinstance(value, tuple) else check.holds(value),
+        check.expected,
+        lambda value: several.found(value) if isinstance(value, tuple) else value,
     )
 
 

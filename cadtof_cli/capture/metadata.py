@@ -20,6 +20,7 @@ from cadtof_cli.capture.checks import (
     Kind,
     above,
     each,
+    one_or_each,
 )
 from cadtof_cli.records import dataclass
 from cadtof_cli.units import FWHM_PER_SIGMA, unambiguous_range_m
@@ -46,6 +47,14 @@ HARMONIC_TOLERANCE = 5e-4
 def _key(kind: Kind, about: str, *checks: Check, default: Any = None) -> Any:
     """Declare a key of a table: kind of its value, meaning, checks and default (the paper's value, or None)."""
     return field(default=default, metadata={"kind": kind, "about": about, "checks": checks})
+
+
+def mean_length(lengths: float | tuple[float, ...], /) -> float:
+    """Return the integration length whose variance, which is proportional to 1/(2·n_av − 1), is the mean of those of some
+    lengths; a single one stays as it is."""
+    if not isinstance(lengths, tuple):
+        return lengths
+    return 0.5 * (1.0 + len(lengths) / sum(1.0 / (2.0 * length - 1.0) for length in lengths))
 
 
 def _are_harmonics(periods: tuple[float, ...]) -> bool:
@@ -100,9 +109,17 @@ class Modulation(Table):
 class Pixel(Table):
     """The averaging of the photons' samples in each pixel."""
 
-    integration_length: float | None = _key(
-        "number", "integration length n_av of Eq. (1), per harmonic; without it the noise is estimated", above(1), COUNT
+    integration_length: float | tuple[float, ...] | None = _key(
+        "number or numbers",
+        "integration length n_av of Eq. (1) of every harmonic, or a list with that of each; without it the noise is estimated",
+        one_or_each(above(1)),
+        one_or_each(COUNT),
     )
+
+    @property
+    def mean_length(self) -> float | None:
+        """The integration length that gives the mean noise of the harmonics; None if it is unknown."""
+        return None if self.integration_length is None else mean_length(self.integration_length)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -258,6 +275,10 @@ class CaptureMetadata:
         if distance is not None and distance > (farthest := MOST_RANGES * unambiguous_range_m(period)):
             expected = f"at most {MOST_RANGES} unambiguous ranges, which are {farthest:.4g} m; is it in mm?"
             raise InvalidValueError("target.distance_m", distance, expected)
+        lengths, periods = self.pixel.integration_length, self.modulation.periods_ns
+        if isinstance(lengths, tuple) and len(lengths) != len(periods):
+            expected = f"one number, or {len(periods)}: one for each of modulation.periods_ns"
+            raise InvalidValueError("pixel.integration_length", lengths, expected)
         for name, needs in _NEEDED_BESIDE:
             found = getattr(self.layout, name)
             if found is not None and getattr(self.layout, needs) is None:

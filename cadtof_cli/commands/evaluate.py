@@ -13,6 +13,7 @@ from cadtof_cli.commands.help import Command, example
 from cadtof_cli.commands.options import note_given
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.commands.values import PATH
+from cadtof_cli.errors import require
 from cadtof_cli.units import counted
 
 if TYPE_CHECKING:
@@ -35,12 +36,19 @@ if TYPE_CHECKING:
     help="File of the true depths: a layer direct.depth, radial range in metres. Or a folder with such a file, truth.exr, "
     "for each capture, in the same tree as OUT.",
 )
+@click.option(
+    "--layer",
+    default="direct.depth",
+    show_default=True,
+    metavar="NAME",
+    help="Layer of depths to compare, such as mpi.depth; the truth must hold it, too.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout instead of the table.")
 @click.option(
     "--max-median",
     type=click.FloatRange(0.0),
     metavar="CM",
-    help="End with exit status 1 if the median error of the direct depth is larger than CM centimetres, or if there is none.",
+    help="End with exit status 1 if the median error of the depth is larger than CM centimetres, or if there is none.",
 )
 @click.option("--csv", "table", type=PATH, metavar="FILE", help="Write a CSV file with one line per frame.")
 @click.option(
@@ -54,13 +62,14 @@ def evaluate(
     *,
     maps: Path,
     truth: Path | None,
+    layer: str,
     as_json: bool,
     max_median: float | None,
     table: Path | None,
     over_time: Path | None,
     overwrite: bool,
 ) -> int:
-    """Compare the direct depth, and the depth of the first phasor alone, with the true depth.
+    """Compare the direct depth, and the depth of the first phasor alone, with the true depth; or another layer of depths.
 
     OUT is the folder that `cadtof resolve` wrote, or one map file. All frames of a capture are compared with the same truth.
     Pixels without truth do not count; `valid` is the share of the others that have an answer. The last two columns are the
@@ -79,6 +88,10 @@ def evaluate(
         raise click.UsageError(
             "--truth is missing: expected a file with the layer direct.depth (only --over-time needs none)"
         )
+    path, _, is_depth = layer.rpartition(".")
+    require(bool(path) and is_depth == "depth", "--layer", repr(layer), "a layer of depths such as mpi.depth")
+    if truth is None:
+        note_given({"layer"}, "without --truth")
     if table is None and over_time is None:
         note_given({"overwrite"}, "without --csv or --over-time")
     from cadtof_cli.workflows.inspect.evaluate import evaluate_maps, scatter_over_time
@@ -90,8 +103,12 @@ def evaluate(
             scatter = scatter_over_time(maps, over_time, progress=bar, overwrite=overwrite)
             found["over_time"], lines = asdict(scatter), [_scatter_line(scatter, over_time)]
         if truth is not None:
-            evaluation = evaluate_maps(maps, truth=truth, progress=bar, table=table, overwrite=overwrite)
-            found, lines = asdict(evaluation) | found, [*_table(evaluation), *lines]
+            evaluation = evaluate_maps(maps, truth=truth, progress=bar, table=table, overwrite=overwrite, layer=layer)
+            figures = asdict(evaluation)
+            if path != "direct":
+                # the first phasor is compared with the direct depth only
+                figures = {"frames": evaluation.frames, path: figures["direct"]}
+            found, lines = figures | found, [*_table(evaluation, path), *lines]
     tell(*([json.dumps(found)] if as_json else lines))
     return 1 if evaluation and max_median is not None and _fails(evaluation, max_median) else 0
 
@@ -110,11 +127,12 @@ def _fails(evaluation: "Evaluation", max_median: float) -> bool:
     return True
 
 
-def _table(evaluation: "Evaluation") -> Iterator[str]:
+def _table(evaluation: "Evaluation", path: str) -> Iterator[str]:
     from cadtof_cli.maps.evaluation import ERROR_TITLES
 
     yield f"{'error, cm':14}{''.join(f'{title:>9}' for title in ERROR_TITLES)}"
     for title, errors in evaluation.in_words.items():
+        title = title if path == "direct" or title != "direct path" else path
         yield f"{title:14}{''.join(f'{shown:>9}' for shown in errors.in_words)}"
     yield f"{counted(evaluation.frames, 'frame')}; median and 90 % are those of |error|"
 

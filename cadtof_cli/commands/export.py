@@ -16,7 +16,7 @@ from cadtof_cli.workflows.inspect.export import EXPORTS, ExportSettings, export_
     epilog=example(
         "cadtof resolve sample_data/corner -o maps",
         "cadtof export maps -o corner.ply",
-        "cadtof export maps -o corner.png --layer mpi.depth",
+        "cadtof export maps -o corner.png --depth z",
     ),
 )
 @click.argument("maps", nargs=-1, required=True, type=PATH, metavar="MAPS...")
@@ -42,7 +42,7 @@ def export(*, maps: tuple[Path, ...], out: Path, settings: ExportSettings) -> No
     """
     kind = out.suffix.lower()
     if kind in EXPORTS:
-        note_given(EXPORTS[kind].unused, f"with {kind}")
+        note_given(EXPORTS[kind].without_effect(settings), f"with {kind}")
     with progress_bar("exporting", "maps") as bar:
         outputs = export_maps(maps, out, settings=settings, progress=bar)
     for output in outputs:

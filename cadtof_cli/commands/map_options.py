@@ -12,7 +12,7 @@ import click
 from cadtof_cli.capture.checks import Kind
 from cadtof_cli.capture.metadata import KEYS, Key
 from cadtof_cli.commands.options import Decorator, RecordOptions, as_typed, declared_options, note_given, plain_option
-from cadtof_cli.commands.values import NAMES, NUMBERED_NAMES, NUMBERS, ParamType
+from cadtof_cli.commands.values import NAMES, NUMBERED_NAMES, NUMBERS, ONE_OR_MORE_NUMBERS, ParamType
 from cadtof_cli.pipeline.plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 
@@ -79,6 +79,7 @@ def _capture_option(key: Key) -> Decorator[Any]:
         "number": click.FLOAT,
         "whole number": click.INT,
         "numbers": NUMBERS,
+        "number or numbers": ONE_OR_MORE_NUMBERS,
         "whole numbers": NUMBERS,
         "pair": NUMBERS,
         "text": click.STRING,

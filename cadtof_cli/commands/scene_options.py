@@ -8,7 +8,7 @@ import click
 
 from cadtof_cli.commands.options import RecordOptions, plain_option, setting_option
 from cadtof_cli.commands.simulation_options import further_option
-from cadtof_cli.commands.values import NumberTuple, ParamType
+from cadtof_cli.commands.values import ONE_OR_MORE_NUMBERS, NumberTuple, ParamType
 from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.light import Scene
@@ -31,7 +31,7 @@ class LightOptions:
     direct_ns: float | None
     second_ns: float
     further: tuple[tuple[float, float], ...]
-    integration_length: float | None
+    integration_length: float | list[float] | None
 
     def condition(self, fwhm_ns: float, /) -> Condition:
         """Return the light of a single pixel; raises SettingsError for impossible values."""
@@ -105,7 +105,9 @@ light_options = RecordOptions(
     setting_option(Condition, "second_ns", "Arrival time of the MPI.", option="--second"),
     further_option,
     plain_option(
-        "integration_length", click.FLOAT, "Integration length n_av of Eq. (1), per harmonic.  [default: 1e5]"
+        "integration_length",
+        ONE_OR_MORE_NUMBERS,
+        "Integration length n_av of Eq. (1), per harmonic; with --scene, a list may give that of each.  [default: 1e5]",
     ),
 )
 

@@ -7,7 +7,7 @@ import click
 
 from cadtof_cli.capture.metadata import Pulse
 from cadtof_cli.commands.help import SectionedCommand, example
-from cadtof_cli.commands.options import note_given, refuse_given
+from cadtof_cli.commands.options import declared_options, note_given, refuse_given
 from cadtof_cli.commands.scene_options import LightOptions, SceneOptions, light_options, not_of_scene, scene_options
 from cadtof_cli.commands.simulation_options import (
     RESOLVING,
@@ -23,6 +23,7 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.atomic import require_absent
 from cadtof_cli.simulation.pixel.evolution import require_traceable
+from cadtof_cli.simulation.pixel.pixel import PixelDefects
 from cadtof_cli.simulation.scene.exposure import Exposure
 from cadtof_cli.simulation.scene.scenes import SCENES
 from cadtof_cli.units import counted
@@ -40,6 +41,8 @@ _OF_SCENES_TOO = {
     "amplitude_v",
     "fwhm_ns",
     "capacitors",
+    "temperature_k",
+    *declared_options(PixelDefects),
 }
 
 PIXEL_ONLY = {"as_json", "second_ns", "further", *trial_options.names()}.difference(_OF_SCENES_TOO)
@@ -112,14 +115,19 @@ def simulate(
     if out is None:
         raise SettingsError(f"--scene {scene}: found no -o, expected -o DIR, the folder of the capture")
     seed = trial.trials["seed"]
+    lengths = light.integration_length
+    # of a list, only whether it was given beside --capacitors matters here
+    several = isinstance(lengths, list) and trial.capacitors is None
+    averaging = trial.averaging(None if several else lengths[0] if isinstance(lengths, list) else lengths)
     exposure = scene_exposure(
         scenery.made(scene, light, seed=seed),
         scenery.camera,
         modulation=trial.modulation,
         pulse=Pulse(fwhm_ns=trial.fwhm_ns),
-        integration_length=trial.averaging(light.integration_length).integration_length,
+        integration_length=tuple(lengths) if isinstance(lengths, list) else averaging.integration_length,
         seed=seed,
         motion=trial.motion,
+        defects=trial.defects(averaging),
     )
     _record_scene(scene, exposure, scenery.recording, out, workers, quiet=quiet)
 

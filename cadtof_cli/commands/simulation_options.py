@@ -1,7 +1,7 @@
 """Options that `cadtof simulate` and `cadtof sweep` share: the pixel, how it is recorded, and how it is resolved."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import click
@@ -20,7 +20,7 @@ from cadtof_cli.errors import SettingsError, require
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
 from cadtof_cli.simulation.pixel.mix import Condition, Motion
-from cadtof_cli.simulation.pixel.pixel import PixelModel
+from cadtof_cli.simulation.pixel.pixel import PixelDefects, PixelModel
 from cadtof_cli.workflows.simulate.trials import Trials
 
 INTEGRATION_LENGTH = 1e5
@@ -44,8 +44,14 @@ class TrialOptions:
     capacitors: tuple[float, ...] | None
     stages: Stages
 
-    def averaging(self, integration_length: float | None, /) -> Averaging:
-        """Return the averaging, from the capacitors or the integration length n_av; raises SettingsError if both are given."""
+    def averaging(self, integration_length: float | list[float] | None, /) -> Averaging:
+        """Return the averaging, from the capacitors or the integration length n_av; raises SettingsError if both are given, or
+        if there are several lengths."""
+        if isinstance(integration_length, list):
+            found = ",".join(f"{length:g}" for length in integration_length)
+            raise SettingsError(
+                f"--integration-length: found {found}, expected one number; only a scene takes one for each period"
+            )
         if self.capacitors is None:
             length = INTEGRATION_LENGTH if integration_length is None else integration_length
             return Averaging(integration_length=length, stages=self.stages)
@@ -58,16 +64,24 @@ class TrialOptions:
 
     def of(self, condition: Condition, averaging: Averaging, /) -> Trials:
         """Return the trials of a pixel in the light of `condition`; raises SettingsError for impossible values."""
-        noise_v = self.pixel["sample_noise_v"]
+        pixel = {**self.pixel, "sample_noise_v": self._sample_noise_v(averaging)}
+        model = PixelModel(modulation=self.modulation, averaging=averaging, motion=self.motion, **pixel)
+        return Trials(condition=condition, model=model, **self.trials)
+
+    def defects(self, averaging: Averaging, /) -> PixelDefects:
+        """Return the defects of a scene's pixels; raises SettingsError for impossible values."""
+        given = {field.name: self.pixel[field.name] for field in fields(PixelDefects)}
+        return PixelDefects(**{**given, "sample_noise_v": self._sample_noise_v(averaging)})
+
+    def _sample_noise_v(self, averaging: Averaging) -> float:
+        noise_v = float(self.pixel["sample_noise_v"])
         if self.temperature_k is not None:
             if averaging.capacitors is None:
                 both = "both: the temperature gives the kTC noise of C1"
                 raise SettingsError(f"--temperature: found without --capacitors, expected {both}")
             require(self.temperature_k >= 0, "--temperature", f"{self.temperature_k:g} K", "0 K or more")
             noise_v = float((noise_v**2 + averaging.capacitors.ktc_noise_v(self.temperature_k) ** 2) ** 0.5)
-        pixel = {**self.pixel, "sample_noise_v": noise_v}
-        model = PixelModel(modulation=self.modulation, averaging=averaging, motion=self.motion, **pixel)
-        return Trials(condition=condition, model=model, **self.trials)
+        return noise_v
 
 
 further_option = click.option(

@@ -66,6 +66,12 @@ def _frames(text: str) -> slice:
 
 NUMBERS = Typed("N,N…", "a list of numbers such as 40,20", lambda text: list(map(float, text.split(","))))
 
+ONE_OR_MORE_NUMBERS = Typed(
+    "N|N,N…",
+    "a number, or a list of numbers such as 1e5,5e4",
+    lambda text: list(map(float, text.split(","))) if "," in text else float(text),
+)
+
 FRAME_RANGE = Typed("A:B", "a range of frames such as 10:20, 10: or 7, counted from 0", _frames)
 """A range of frames counted from 0, such as 10:20, whose end is not part of it; or a single frame."""
 

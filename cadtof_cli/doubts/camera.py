@@ -11,13 +11,20 @@ import numpy as np
 
 from cadtof_cli.arrays import Complex, Float, Float32, Stored, median, plane_names, quantiles
 from cadtof_cli.capture.metadata import CaptureMetadata
-from cadtof_cli.doubts.pixels import FEWEST, LOOKED_AT, left_by_one_path, scatters, sound_phasors, sound_values
+from cadtof_cli.doubts.pixels import (
+    FEWEST,
+    LOOKED_AT,
+    left_by_one_path,
+    pairs_of_rows,
+    scatters,
+    sound_phasors,
+    sound_values,
+)
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA, ambient_noise_v, estimated_integration_length
 from cadtof_cli.phasors.voltages import (
     PhasorMap,
     ideal_phasor_map,
     phasors_from_stored,
-    saturated_pixels,
     sound_pixels,
     spread_over,
     volts_from_stored,
@@ -32,9 +39,6 @@ Without depth and brightness, the variance must be more than 5 times as large: n
 
 _LEAST_NOISE = 0.1
 """Least variance of a pixel's noise, over that of a pixel in ambient light, that is reckoned with."""
-
-_FULLY_LIT = 0.8
-"""Median |p| of a frame above which nearly all light is the laser's. The noise is then not judged: it is hardly any."""
 
 _COARSE_STEPS = 2.0
 """Noise of fewer steps of whole numbers than this is not judged to be too small: rounding may hide it."""
@@ -97,22 +101,9 @@ in every plane: the noise then does not spread values, and many pixels hold the 
 
 def other_noise(stored: Stored, metadata: CaptureMetadata, phasor_map: PhasorMap | None = None, /) -> str | None:
     """Return a message if neighbours, calibrated by a map, differ by far more or less than the integration length explains."""
-    n_av, (height, width) = metadata.pixel.integration_length, stored.shape[2:]
-    if n_av is None or min(height, width) < 2:
-        return None
-    pairs = np.arange(height // 2 * 2).reshape(-1, 2)
-    pairs = pairs[:: max(1, pairs.size * width // LOOKED_AT)]
-    if len(pairs) * width < FEWEST:
-        return None
-    # pairs of rows, one beside the other: a frame of two rows
-    rows = pairs.T.ravel()
-    values = stored[:, :, rows].reshape(*stored.shape[:2], -1)
-    places = np.add.outer(rows * width, np.arange(width)).ravel()
-    phasors = phasors_from_stored(values, (phasor_map or ideal_phasor_map(metadata, stored.dtype))[places])
-    phasors[:, saturated_pixels(values, metadata.voltage.saturated_counts)] = np.nan
-    whole = stored.dtype.kind in "iu"
-    lengths = np.abs(phasors[0][np.isfinite(phasors[0])])
-    if lengths.size < FEWEST or not median(lengths) < _FULLY_LIT:
+    n_av, whole = metadata.pixel.mean_length, stored.dtype.kind in "iu"
+    phasors = None if n_av is None else pairs_of_rows(stored, metadata, phasor_map)
+    if n_av is None or phasors is None:
         return None
     seen = estimated_integration_length(phasors.reshape(len(phasors), 2, -1), metadata, quantised=whole)
     more = seen < n_av / _MORE_NOISE

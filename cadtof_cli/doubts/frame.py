@@ -8,6 +8,7 @@ from cadtof_cli.doubts.camera import cut_off, other_noise, other_offsets, steppe
 from cadtof_cli.doubts.pixels import FEWEST, LOOKED_AT
 from cadtof_cli.doubts.planes import mistaken_order, share_of_one_path, sheared, wrong_planes
 from cadtof_cli.doubts.shared_light import shared_in_words, wrong_zero_in_words
+from cadtof_cli.doubts.unequal_noise import unequal_noise
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA, MISFIT
 from cadtof_cli.phasors.voltages import ideal_phasor_map, spread_over
@@ -65,7 +66,7 @@ def camera_doubts(stored: Stored, metadata: CaptureMetadata, /) -> tuple[str, ..
     with np.errstate(over="ignore", invalid="ignore"):
         stripes = _told(*(striped(stored, metadata, lines) for lines in ("rows", "columns")))
         return _told(
-            other_noise(stored, metadata),
+            other_noise(stored, metadata) or unequal_noise(stored, metadata),
             *stripes,
             # each row or column with an offset of its own makes a step in the middle, too
             None if stripes else stepped(stored, metadata),
@@ -95,11 +96,15 @@ def doubts_before_run(stored: Stored, plan: FramePlan, /) -> tuple[str, ...]:
         found = _told(other_offsets(stored, metadata, dark.sound_offset_v, dark.offset_stderr_v()))
     if found or not use.sine:
         return found
-    correction, n_av = stages_of(stored, plan, calibration).correction, metadata.pixel.integration_length
+    correction, n_av = stages_of(stored, plan, calibration).correction, metadata.pixel.mean_length
     # sigma holds the noise of the calibration, too; where this is larger than that of the frame, it is all that neighbours show
     own = correction.noise
     is_frames = own is None or n_av is None or max(own.dark) + max(own.response) < 0.5 / n_av
-    noise = other_noise(stored, metadata, correction.phasor_map) if is_frames else None
+    noise = None
+    if is_frames:
+        noise = other_noise(stored, metadata, correction.phasor_map) or unequal_noise(
+            stored, metadata, correction.phasor_map
+        )
     return _told(noise, shared_in_words(stored, metadata, correction.phasor_map))
 
 

@@ -54,7 +54,7 @@ def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     # not `spread_over`: a frame is refused here, so a few dead columns must not be all that is looked at
     some = every[:, :, :: even_step(every.shape[2], stored.shape[-1], count=LOOKED_AT)]
     voltage, together = metadata.voltage, np.ascontiguousarray(some)
-    n_av, amplitude = metadata.pixel.integration_length, metadata.modulation.amplitude_v
+    n_av, amplitude = metadata.pixel.mean_length, metadata.modulation.amplitude_v
     if wrong := no_recording(together, metadata.modulation.harmonics) or _scaled_to_one(together, voltage):
         return wrong
     if _shows_no_noise(together, metadata):

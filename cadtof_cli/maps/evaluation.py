@@ -126,7 +126,8 @@ class EvaluationTally:
     def add(
         self, direct_m: Float, truth_m: Float, /, *, sigma_m: NDArray[np.floating] | None, first_phasor_m: Float | None
     ) -> None:
-        """Add a map's direct depths, and the depths by the first phasor (None: the frame is gone), with their truth.
+        """Add a map's direct depths (or those of another path), and the depths by the first phasor (None: unknown), with their
+        truth.
 
         All are (Y, X) in m.
         """

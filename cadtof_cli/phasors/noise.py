@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cadtof_cli.arrays import Complex, Float, Float32, SomePixels, Stored, median
-from cadtof_cli.capture.metadata import CaptureMetadata, Waveform
+from cadtof_cli.capture.metadata import CaptureMetadata, Waveform, mean_length
 from cadtof_cli.phasors.response import ideal_response, pulse_response
 from cadtof_cli.records import dataclass
 
@@ -110,7 +110,8 @@ class HarmonicNoise:
 
 @dataclass(frozen=True, eq=False)
 class NoiseModel:
-    """Noise of every recorded harmonic, independent of each other, and the integration length that it follows from.
+    """Noise of every recorded harmonic, independent of each other, and the integration length that it follows from, or
+    that gives their mean noise if each has its own.
 
     `each` is the noise of one recorded pixel's phasors, one entry per harmonic. `samples`, (n,), is the number of
     recorded pixels that each phasor is a mean of (None: 1). `noise[block]` is the noise of some of these n phasors.
@@ -131,9 +132,14 @@ class NoiseModel:
 
 
 def noise_model(
-    metadata: CaptureMetadata, /, *, integration_length: float, quantised: bool, estimated: bool = False
+    metadata: CaptureMetadata,
+    /,
+    *,
+    integration_length: float | tuple[float, ...],
+    quantised: bool,
+    estimated: bool = False,
 ) -> NoiseModel:
-    """Return the noise of a capture's phasors at an integration length n_av.
+    """Return the noise of a capture's phasors at an integration length n_av, of all harmonics or of each.
 
     The covariance of harmonic h is [[(1+Re m_2h)/2 − c², Im m_2h/2 − cs], [·, (1−Re m_2h)/2 − s²]]/(2·n_av − 1) with
     c + is = m_h (docs/physics.md); `quantised` adds a count's rounding error, 1/12 count².
@@ -142,18 +148,20 @@ def noise_model(
     step = (voltage.volts_per_count or 0.0) / modulation.amplitude_v if quantised else 0.0
     gain, doubled = _WAVE_NOISE[modulation.waveform]
     pulse = partial(pulse_response, fwhm_ns=metadata.pulse.fwhm_ns, period_ns=modulation.periods_ns[0])
+    lengths = integration_length
+    each = lengths if isinstance(lengths, tuple) else (lengths,) * len(modulation.harmonics)
     return NoiseModel(
         tuple(
             HarmonicNoise(
                 h,
-                1.0 / (2.0 * integration_length - 1.0),
+                1.0 / (2.0 * length - 1.0),
                 gain * pulse(h),
                 doubled * pulse(2 * h),
                 (step / response.main.real) ** 2 / 12,
             )
-            for h, response in zip(modulation.harmonics, ideal_response(metadata), strict=True)
+            for h, length, response in zip(modulation.harmonics, each, ideal_response(metadata), strict=True)
         ),
-        integration_length,
+        mean_length(lengths),
         estimated,
     )
 

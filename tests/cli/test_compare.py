@@ -138,17 +138,42 @@ def test_inputs_that_cannot_be_compared_are_refused(runs: tuple[Path, Path], tmp
     (tmp_path / "other").mkdir()
     for index in range(2):
         write_exr(tmp_path / "other" / f"elsewhere_{index}.exr", {"direct.depth": np.ones((24, 32), np.float32)})
+    write_exr(tmp_path / "truth.exr", {"direct.depth": step_truth().astype(np.float32)})
     capture = runs[0].parent / "capture"
     assert cadtof("resolve", capture, "-o", tmp_path / "z", "-j", 1, "-q", "--depth", "z").status == 0
+    (tmp_path / "z" / "run.json").unlink()
     for other, message in (
         (tmp_path / "gone", "no such file or folder; expected maps"),
         (tmp_path / "small.exr", "found 4 × 3 pixels, expected 32 × 24 as in"),
         (tmp_path / "other", "share no frame: found frame_0, frame_1, frame_2 … and elsewhere_0, elsewhere_1 …"),
         (tmp_path / "z", "resolve both with the same --depth"),
     ):
-        done = cadtof("compare", runs[0], other)
+        # the record of one of two runs tells the optics of both, but truth has none
+        first = tmp_path / "truth.exr" if other.name == "z" else runs[0]
+        done = cadtof("compare", first, other)
         assert (done.status, done.out) == (2, "")
         assert message in done.err
+
+
+@pytest.mark.parametrize("kinds", [("range", "z"), ("z", "range")])
+@pytest.mark.parametrize("roi", [None, "3,2,20,24"])
+def test_depths_of_b_become_those_of_a(
+    runs: tuple[Path, Path], tmp_path: Path, kinds: tuple[str, str], roi: str | None
+) -> None:
+    capture, part = runs[0].parent / "capture", () if roi is None else ("--roi", roi)
+    assert cadtof("resolve", capture, "-o", tmp_path / kinds[0], "-j", 1, "-q", "--depth", kinds[0]).status == 0
+    assert cadtof("resolve", capture, "-o", tmp_path / kinds[1], "-j", 1, "-q", "--depth", kinds[1], *part).status == 0
+    done = cadtof("compare", tmp_path / kinds[0], tmp_path / kinds[1], "--json")
+    assert "converted into" in done.err
+    found = json.loads(done.out)
+    for name in ("direct.depth", "direct.sigma", "mpi.depth"):
+        assert found["layers"][name]["max_abs"] < 1e-6
+    # truth is range, whatever the maps are
+    truth = tmp_path / "truth.exr"
+    write_exr(truth, {"direct.depth": step_truth().astype(np.float32)})
+    of_truth = [json.loads(cadtof("compare", tmp_path / kind, truth, "--json").out) for kind in kinds]
+    assert of_truth[0]["layers"]["direct.depth"]["median_abs"] < 0.01
+    assert of_truth[1]["layers"]["direct.depth"]["median_abs"] < 0.01
 
 
 def test_frames_that_only_one_run_has_are_named(runs: tuple[Path, Path], tmp_path: Path) -> None:

@@ -311,11 +311,65 @@ def test_maps_without_an_answer(tmp_path: Path) -> None:
     assert "–" in cadtof("evaluate", out, "--truth", tmp_path / "truth.exr").out
 
 
+def test_another_layer_of_depths_is_compared_without_the_first_phasor(tmp_path: Path) -> None:
+    """The right half of the step has MPI at 20 ns."""
+    capture, truth = record(tmp_path / "capture"), tmp_path / "truth.exr"
+    write_frame(capture.files[0], step_frame(np.random.default_rng(0)))
+    second = np.full((24, 32), np.nan, np.float32)
+    second[:, 16:] = depth_m(20.0)
+    write_exr(truth, {"direct.depth": step_truth().astype(np.float32), "mpi.depth": second})
+    assert cadtof("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1, "--mpi-model", "discrete").status == 0
+    done = cadtof("evaluate", tmp_path / "out", "--truth", truth, "--layer", "mpi.depth", "--json")
+    found = json.loads(done.out)
+    layers = layers_of(tmp_path / "out" / "frame_0.tif")
+    errors_cm = 100.0 * (layers["mpi.depth"] - second)[:, 16:].astype(float)
+    ratio = np.abs(errors_cm) / (100.0 * layers["mpi.sigma"][:, 16:])
+    assert list(found) == ["frames", "mpi"]
+    assert found["mpi"]["rmse_cm"] == pytest.approx(np.sqrt(np.nanmean(errors_cm**2)), rel=1e-4)
+    assert found["mpi"]["valid"] == pytest.approx(np.mean(np.isfinite(errors_cm)))
+    assert found["mpi"]["within_1_sigma"] == pytest.approx(np.mean(ratio[np.isfinite(ratio)] <= 1.0))
+    shown = cadtof("evaluate", tmp_path / "out", "--truth", truth, "--layer", "mpi.depth").out.splitlines()
+    assert [line.split()[0] for line in shown] == ["error,", "mpi", "1"]
+    for options, message in (
+        (("--layer", "confidence"), "--layer: found 'confidence', expected a layer of depths such as mpi.depth"),
+        (("--layer", "path3.depth"), "expected path3.depth"),
+    ):
+        refused = cadtof("evaluate", tmp_path / "out", "--truth", truth, *options)
+        assert (refused.status, message in refused.err) == (2, True)
+
+
+@pytest.mark.parametrize("roi", [None, "3,2,20,24"])
+def test_truth_becomes_the_kind_of_depth_that_the_maps_hold(tmp_path: Path, roi: str | None) -> None:
+    """z over range is 1/√(1 + X² + Y²), with a focal length of 28 px and the axis at column 15, row 10."""
+    capture, truth = record(tmp_path / "capture"), _truth(tmp_path / "truth.exr")
+    write_frame(capture.files[0], step_frame(np.random.default_rng(0)))
+    part = () if roi is None else ("--roi", roi)
+    found = {}
+    for kind in ("range", "z"):
+        out = tmp_path / kind
+        assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "--depth", kind, *part).status == 0
+        found[kind] = json.loads(cadtof("evaluate", out, "--truth", truth, "--json").out)["direct"]
+        assert cadtof("preview", out, "--truth", truth, "-o", tmp_path / f"{kind}.png").status == 0
+        assert cadtof("report", out, "--truth", truth, "-o", tmp_path / f"{kind}.html").status == 0
+    x0, y0, x1, y1 = map(int, (roi or "0,0,32,24").split(","))
+    x, y = (np.arange(32) - 15.0) / 28.0, (np.arange(24)[:, np.newaxis] - 10.0) / 28.0
+    planar = (1.0 / np.sqrt(1.0 + x * x + y * y))[y0:y1, x0:x1]
+    depth = layers_of(tmp_path / "z" / "frame_0.tif")["direct.depth"]
+    errors_cm = 100.0 * (depth - step_truth()[y0:y1, x0:x1] * planar)
+    assert found["z"]["rmse_cm"] == pytest.approx(np.sqrt(np.nanmean(errors_cm**2)), rel=1e-4)
+    for key in ("valid", "within_1_sigma", "within_2_sigma"):
+        assert found["z"][key] == pytest.approx(found["range"][key], abs=0.01)
+    # maps of the one kind are truth for maps of the other
+    same = cadtof("evaluate", tmp_path / "z", "--truth", tmp_path / "range" / "frame_0.tif", "--json")
+    assert json.loads(same.out)["direct"]["rmse_cm"] < 1e-4
+
+
 def test_inputs_that_cannot_be_evaluated_are_refused(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture"), tmp_path / "out"
     write_frame(capture.files[0], step_frame(np.random.default_rng(0)))
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
     assert cadtof("resolve", capture.folder, "-o", tmp_path / "z", "-j", 1, "--depth", "z").status == 0
+    (tmp_path / "z" / "run.json").unlink()
     truth, small = _truth(tmp_path / "truth.exr"), _truth(tmp_path / "small.exr", height=20)
     write_exr(tmp_path / "other.exr", {"Y": np.zeros((24, 32), np.float32)})
     (tmp_path / "empty").mkdir()
@@ -329,10 +383,14 @@ def test_inputs_that_cannot_be_evaluated_are_refused(tmp_path: Path) -> None:
         ),
         (tmp_path / "gone", truth, f"{tmp_path / 'gone'}: no such file or folder; expected maps that"),
         (tmp_path / "empty", truth, f"{tmp_path / 'empty'}: found no maps (.exr, .tif), expected those of"),
-        (tmp_path / "z", truth, f"{tmp_path / 'z'}: holds z depth, and truth is radial range; resolve with"),
+        (
+            tmp_path / "z",
+            truth,
+            f"{truth}: holds radial range and {tmp_path / 'z'} planar depth z, and no run.json tells the optics",
+        ),
     ):
         done = cadtof("evaluate", maps, "--truth", against)
-        assert done.err.startswith(f"Error: {message}")
+        assert f"Error: {message}" in done.err
         assert (done.status, done.out) == (2, "")
     counts, volts = record(tmp_path / "counts").folder, record(tmp_path / "volts", form="exr").folder
     for recorded, hint in (

@@ -19,16 +19,16 @@ FIELDS = ("x", "y", "z", "amplitude", "sigma", "status")
 Cloud = dict[str, NDArray[Any]]
 
 
-def _ply(path: Path) -> Cloud:
+def _ply(path: Path, fields: tuple[str, ...] = FIELDS) -> Cloud:
     vertices = needed_module("plyfile").PlyData.read(str(path))["vertex"].data
-    assert vertices.dtype.names == FIELDS
-    return {name: np.array(vertices[name]) for name in FIELDS}
+    assert vertices.dtype.names == fields
+    return {name: np.array(vertices[name]) for name in fields}
 
 
-def _pcd(path: Path) -> Cloud:
+def _pcd(path: Path, fields: tuple[str, ...] = FIELDS) -> Cloud:
     cloud = needed_module("pypcd4").PointCloud.from_path(path)
-    assert tuple(cloud.fields) == FIELDS
-    return {name: np.array(cloud.pc_data[name]) for name in FIELDS}
+    assert tuple(cloud.fields) == fields
+    return {name: np.array(cloud.pc_data[name]) for name in fields}
 
 
 READERS = {".ply": _ply, ".pcd": _pcd}
@@ -162,11 +162,48 @@ def test_infinite_depths_of_other_programs_are_no_points(tmp_path: Path) -> None
     assert _ply(tmp_path / "a.ply")["z"].size == 7
 
 
+@pytest.mark.parametrize("ending", [".ply", ".pcd"])
+def test_truth_gives_points_without_sigma_and_status(tmp_path: Path, ending: str) -> None:
+    """A depth of 0 in truth is no surface, and no point."""
+    depth = np.full((3, 5), 2.0, np.float32)
+    depth[0, 1], depth[2, 2] = 0.0, np.nan
+    write_exr(tmp_path / "a.exr", {"direct.depth": depth, "direct.amplitude": np.full((3, 5), 0.1, np.float32)})
+    optics = "--focal-length-px", 4, "--principal-point-px", "2,1"
+    cloud = READERS[ending](_exported(tmp_path / f"a{ending}", tmp_path / "a.exr", *optics), FIELDS[:4])
+    ranges = np.sqrt(cloud["x"] ** 2 + cloud["y"] ** 2 + cloud["z"] ** 2)
+    np.testing.assert_allclose(ranges, np.full(13, 2.0), rtol=1e-6)
+    np.testing.assert_allclose(cloud["amplitude"], 0.1)
+
+
 def test_planar_depths_give_the_same_points(tmp_path: Path) -> None:
     ranges, planar = _maps(tmp_path / "a"), _maps(tmp_path / "b", "--depth", "z")
     clouds = [_ply(_exported(tmp_path / f"{out.parent.name}.ply", out)) for out in (ranges, planar)]
     for name in "xyz":
         np.testing.assert_allclose(clouds[0][name], clouds[1][name], rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize(("held", "wanted"), [("range", "z"), ("z", "range")])
+def test_depths_are_written_as_the_kind_that_is_asked_for(tmp_path: Path, held: str, wanted: str) -> None:
+    maps, other = (
+        _maps(tmp_path / "a", "--depth", held),
+        layers_of(_maps(tmp_path / "b", "--depth", wanted) / "frame_0.tif"),
+    )
+    with np.load(_exported(tmp_path / "a.npz", maps, "--depth", wanted)) as arrays:
+        for name, plane in other.items():
+            assert arrays[name].dtype == (np.uint32 if name == "status" else np.float32)
+            np.testing.assert_allclose(arrays[name], plane, rtol=1e-6)
+    png = _exported(tmp_path / "a.png", maps, "--depth", wanted)
+    with needed_module("PIL.Image").open(png) as image:
+        assert image.text["Description"].startswith("direct.depth in mm, " + {"z": "planar", "range": "radial"}[wanted])
+        np.testing.assert_allclose(np.array(image), 1000.0 * np.nan_to_num(other["direct.depth"]), atol=0.51)
+
+
+def test_maps_that_do_not_say_what_they_hold_are_taken_to_hold_what_is_asked_for(tmp_path: Path) -> None:
+    write_exr(tmp_path / "a.exr", {"direct.depth": np.full((3, 4), 2.0, np.float32)})
+    done = cadtof("export", tmp_path / "a.exr", "-o", tmp_path / "a.png", "--depth", "z")
+    assert (done.status, "does not say which kind of depth it holds: taken for planar depth z" in done.err) == (0, True)
+    with needed_module("PIL.Image").open(tmp_path / "a.png") as image:
+        assert (np.array(image) == 2000).all()
 
 
 def test_a_picture_in_millimetres(tmp_path: Path) -> None:
@@ -292,8 +329,8 @@ def test_impossible_exports_are_refused(tmp_path: Path) -> None:
         ),
         ((out, "-o", tmp_path / "a.ply", "--layer", "path3.depth"), "expected path3.depth"),
         ((tmp_path / "lone.exr", "-o", tmp_path / "a.ply"), "its optics are unknown"),
-        # optics would not help
-        ((tmp_path / "truth.exr", "-o", tmp_path / "a.ply"), "found layers direct.depth; expected direct.amplitude"),
+        ((tmp_path / "truth.exr", "-o", tmp_path / "a.ply"), "its optics are unknown"),
+        ((tmp_path / "truth.exr", "-o", tmp_path / "a.ply", "--layer", "mpi.depth"), "expected mpi.depth"),
         ((out, "-o", tmp_path / "a.ply", "--focal-length-px", "0"), "optics.focal_length_px"),
         (
             (out, "-o", tmp_path / "a.ply", "--principal-point-px", "1,2,3"),

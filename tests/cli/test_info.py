@@ -149,6 +149,21 @@ def test_infinite_values_are_counted(tmp_path: Path) -> None:
     assert _facts(capture.folder)["not_finite"] == pytest.approx(2 / 768)
 
 
+def test_each_harmonic_may_have_an_integration_length_of_its_own(tmp_path: Path) -> None:
+    """The same list in capture.toml and on the command line. The noise shown is the harmonics' mean."""
+    lengths = record(tmp_path / "a", toml="[pixel]\nintegration_length = [1e5, 2.5e4]\n"), record(tmp_path / "b")
+    shown = [
+        cadtof("info", lengths[0].folder, "--volts-per-count", 6e-5, "--json"),
+        cadtof("info", lengths[1].folder, "--volts-per-count", 6e-5, "--integration-length", "1e5,2.5e4", "--json"),
+    ]
+    for done in shown:
+        facts = json.loads(done.out)
+        facts = facts[0] if isinstance(facts, list) else facts
+        assert facts["metadata"]["pixel.integration_length"]["value"] == [1e5, 2.5e4]
+        variance = (274.6 / np.sqrt(2.0)) ** 2 * np.mean([1 / (2e5 - 1), 1 / (5e4 - 1)])
+        assert facts["noise_mv"] == pytest.approx(np.sqrt(variance), rel=1e-6)
+
+
 def test_problems_are_reported_with_status_1(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=3, toml="[pixel]\nintegration_length = 1e5\n")
     capture.files[1].write_bytes(b"")

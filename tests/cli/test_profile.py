@@ -94,9 +94,10 @@ def test_planar_truth_for_planar_maps(runs: tuple[Path, Path], tmp_path: Path) -
     assert np.abs(found["z first phasor"] - found["truth"])[half].max() < 0.05
     done = cadtof("profile", out, runs[0], "--row", 4)
     assert (done.status, ": resolve both with the same --depth" in done.err) == (2, True)
-    # maps of planar depth are no truth of a depth, but one of any other layer
+    # maps of planar depth may be the truth of ranges
     against_z = ("profile", runs[0], "--row", 4, "--truth", out / "frame_0.tif")
-    assert cadtof(*against_z).status == 2
+    truth_of_range = _table(cadtof(*against_z).out)["truth"]
+    np.testing.assert_allclose(truth_of_range, layers_of(runs[0] / "frame_0.tif")["direct.depth"][4], rtol=1e-5)
     found = _table(cadtof(*against_z, "--layer", "confidence").out)
     np.testing.assert_allclose(found["truth"], layers_of(out / "frame_0.tif")["confidence"][4], rtol=1e-6)
 
@@ -174,7 +175,7 @@ def test_impossible_profiles_are_refused(runs: tuple[Path, Path], tmp_path: Path
         ((runs[0], "--row", 3, "--frame", 2), "--frame: found 2, expected 0 … 1"),
         ((runs[0], "--row", 3, "--layer", "other"), "expected other"),
         ((runs[0], tmp_path / "small.exr", "--row", 1), "found 4 × 3 pixels, expected 32 × 24 as in"),
-        ((runs[0], "--row", 1, "--truth", tmp_path / "small.exr"), "found 4 × 3 pixels, expected 32 × 24 as in"),
+        ((runs[0], "--row", 1, "--truth", tmp_path / "small.exr"), "found 32 × 24 pixels, expected 4 × 3 as in"),
         ((runs[0], "--row", 1, "-o", tmp_path / "a.gif"), "found the suffix '.gif', expected one of .png"),
     ):
         done = cadtof("profile", *arguments)

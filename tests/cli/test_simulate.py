@@ -236,6 +236,16 @@ BAD_INPUT = [
     ),
     (("--scene", "wall", "--solver", "lm", "-o", "x"), "--solver: has no effect with --scene wall"),
     (("--scene", "wall", "--wrapped", "-o", "x"), "--wrapped: has no effect with --scene wall"),
+    (
+        ("--integration-length", "1e5,1e4"),
+        "--integration-length: found 100000,10000, expected one number; only a scene",
+    ),
+    (
+        ("--scene", "wall", "--integration-length", "1e5,1e4,1e3", "-o", "x"),
+        "pixel.integration_length: found [100000.0, 10000.0, 1000.0], expected one number, or 2",
+    ),
+    (("--scene", "wall", "--dead-time", "3", "-o", "x"), "--dead-time: has no effect with --scene wall"),
+    (("--scene", "wall", "--temperature", "300", "-o", "x"), "--temperature: found without --capacitors"),
 ]
 
 

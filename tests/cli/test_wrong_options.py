@@ -48,7 +48,7 @@ WITHOUT_EFFECT = [
         "--start-method: has no effect with --scheduler",
     ),
     ("export MAPS -o a.npz --layer mpi.depth", "--layer: has no effect with .npz"),
-    ("export MAPS -o a.csv --depth range", "--depth: has no effect with .csv"),
+    ("export MAPS -o a.csv --principal-point 3,3", "--principal-point: has no effect with .csv"),
     ("export MAPS -o a.png --focal-length 300", "--focal-length: has no effect with .png"),
     ("preview MAPS -o a.png --fps 5", "--fps: has no effect with .png"),
     ("preview MAPS -o a.png --layer status --range 0,1", "--range: has no effect with --layer status"),
@@ -245,12 +245,19 @@ IMPOSSIBLE = [
         "info CAPTURE --raw-offset-bytes 4",
         "--raw-offset-bytes: layout.raw_offset_bytes: found 4, expected layout.raw_dtype",
     ),
+    (
+        "resolve CAPTURE --integration-length 1e5,2e5,3e5",
+        "--integration-length: pixel.integration_length: found [100000.0, 200000.0, 300000.0], expected one number, or 2",
+    ),
+    (
+        "resolve CAPTURE --integration-length 1e5,0.5",
+        "--integration-length: pixel.integration_length: found 0.5, expected a finite number above 1",
+    ),
     ("resolve CAPTURE --pool 257", "--pool: found 257, expected an odd number of pixels such as 3 or 5, at most 255"),
     (f"resolve CAPTURE --average {10**20}", "--average: found 100000000000000000000, expected 1 to 1000000 frames"),
     ("resolve CAPTURE --frame-timeout inf", "--frame-timeout: found inf, expected seconds above 0, at most 1e+08"),
     ("resolve CAPTURE --frame-timeout 1e300", "--frame-timeout: found 1e+300, expected seconds above 0"),
     ("evaluate MAPS --truth MAPS --max-median nan", "--max-median: found nan, expected centimetres, 0 or more"),
-    ("export MAPS -o a.ply --depth z", "--depth: found z, expected range: "),
     ("preview MAPS -o a.png --frame -1", "--frame: found -1, expected 0 or more"),
     ("profile MAPS --row 1 --frame -1", "--frame: found -1, expected 0 or more"),
     ("simulate --asr 1e300", "ASR: found 1e+300, expected a ratio from 0 to 1e+12"),
@@ -300,15 +307,17 @@ def test_frames_beyond_any_capture_are_none(capture: Path, tmp_path: Path) -> No
 def test_a_map_says_itself_that_its_depths_are_planar(capture: Path, tmp_path: Path) -> None:
     """A map that was copied out of its run's folder still says that it holds z depth.
 
-    So it is not compared with ranges, and not exported as a range.
+    So it is not taken for ranges without the optics, and not exported as a range.
     """
     assert cadtof("resolve", capture, "-o", tmp_path / "run", "-j", 1, "-q", "--depth", "z", *FOCAL).status == 0
     (tmp_path / "alone").mkdir()
     (inside,) = (tmp_path / "run").glob("frame_*")
     alone = inside.rename(tmp_path / "alone" / inside.name)
-    refused = cadtof("evaluate", alone, "--truth", alone)
+    assert cadtof("resolve", capture, "-o", tmp_path / "range", "-j", 1, "-q").status == 0
+    truth = tmp_path / "range" / inside.name
+    refused = cadtof("evaluate", alone, "--truth", truth)
     assert refused.status == 2
-    assert "holds z depth, and truth is radial range" in refused.err
+    assert f"{truth}: holds radial range and {alone} planar depth z, and no run.json tells the optics" in refused.err
     cloud = tmp_path / "alone.ply"
     assert cadtof("export", alone, "-o", cloud, *FOCAL).status == 0
     body = cloud.read_bytes().split(b"end_header\n", 1)[1]
@@ -316,13 +325,13 @@ def test_a_map_says_itself_that_its_depths_are_planar(capture: Path, tmp_path: P
     point = np.dtype([(name, "<f4") for name in ("x", "y", "z", "amplitude", "sigma")] + [("status", "<u4")])
     forward = np.frombuffer(body, point)["z"]
     np.testing.assert_array_equal(forward, depth[np.isfinite(depth)])
-    contradicted = cadtof("export", alone, "-o", tmp_path / "no.ply", *FOCAL, "--depth", "range")
-    assert contradicted.status == 2
-    assert "--depth: found range, expected z" in contradicted.err
+    unknown = cadtof("export", alone, "-o", tmp_path / "no.png", "--depth", "range")
+    assert unknown.status == 2
+    assert "its optics are unknown" in unknown.err
 
 
 def test_maps_that_serve_as_truth_say_what_they_hold(capture: Path, tmp_path: Path) -> None:
-    """A run of longer exposure may be the truth of another run; z depth, or other pixels, gave errors of decimetres."""
+    """A run of longer exposure may be the truth of another run; other pixels gave errors of decimetres."""
     resolve = ("resolve", capture, "-j", 1, "-q", *FOCAL)
     for name, options in (
         ("range", ()),
@@ -344,11 +353,9 @@ def test_maps_that_serve_as_truth_say_what_they_hold(capture: Path, tmp_path: Pa
         assert len({done.status for done in tried}) == 1
         return {done.err for done in tried if done.status}
 
-    (planar,) = refusals("range", "z")
-    assert planar.startswith(f"Error: {tmp_path / 'z' / frame}: holds z depth, and truth is radial range")
     (other_part,) = refusals("a", "b")
     assert f"a shows pixels 0,0,6,5 and {tmp_path / 'b' / frame} 2,1,8,6: resolve both with" in other_part
-    for maps, truth in (("range", "range"), ("a", "a"), ("b", "range")):
+    for maps, truth in (("range", "range"), ("a", "a"), ("b", "range"), ("range", "z"), ("z", "range"), ("z", "z")):
         assert refusals(maps, truth) == set()
 
 

@@ -13,6 +13,9 @@ from cadtof_cli.pipeline.frame import resolve_frame
 from cadtof_cli.pipeline.plan import FramePlan, MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings, Return
 from cadtof_cli.resolver.status import StatusBit
+from cadtof_cli.simulation.scene.camera import Camera
+from cadtof_cli.simulation.scene.exposure import Exposure, expose_band, frame_voltages
+from cadtof_cli.simulation.scene.scenes import Card, Wall
 from tests.support.forward import AMPLITUDE_V, Light, depth_m
 
 SHAPE = (40, 50)
@@ -45,6 +48,47 @@ def test_sigma_of_counts_includes_their_rounding() -> None:
         plan=FramePlan(metadata=METADATA, settings=MapSettings(resolver=ResolverSettings(order="1"))),
     )
     assert np.median(sigmas) > 1.4 * np.median(exact.maps.layer("direct.sigma"))
+
+
+@pytest.mark.parametrize("lengths", [(1e5, 1e4), (1e4, 1e5), (1e5, 1e5, 1e4)])
+@pytest.mark.parametrize("waveform", ["sine", "triangle"])
+def test_sigma_and_order_test_are_true_if_each_harmonic_has_a_length_of_its_own(
+    lengths: tuple[float, ...], waveform: Waveform
+) -> None:
+    """With the length of the first harmonic for all, up to 30 % of the pixels got a second path, and sigma was a third."""
+    modulation = Modulation(periods_ns=tuple(40.0 / h for h in range(1, len(lengths) + 1)), waveform=waveform)
+    metadata = CaptureMetadata(modulation=modulation, pixel=Pixel(integration_length=lengths))
+    camera = Camera(width=100, height=80)
+    for scene, order, paths in ((Wall(distance_m=2.0, asr=5.0), "auto", 1), (Card(separations_ns=(9.0, 20.0)), "2", 2)):
+        shown = Exposure(scene=scene, camera=camera, metadata=replace(metadata, optics=camera.optics), seed=5)
+        band = expose_band(shown, slice(0, 80))
+        settings = MapSettings(resolver=ResolverSettings(mpi_model="discrete", order=order))
+        plan = FramePlan(metadata=shown.metadata, settings=settings)
+        maps = resolve_frame(frame_voltages(shown, band, 0), plan=plan).maps
+        # the first rows of the card have no MPI
+        chosen = np.s_[:] if paths == 1 else np.s_[30:]
+        off = (maps.layer("direct.depth") - band.truth["direct.depth"])[chosen] / maps.layer("direct.sigma")[chosen]
+        assert np.median(np.abs(off)) == pytest.approx(0.6745, rel=0.06)
+        if paths == 1:
+            assert np.mean((maps.status & StatusBit.TWO_PATHS) > 0) < 0.015
+
+
+def test_one_length_for_unequal_harmonics_makes_sigma_wrong_and_an_estimate_makes_errors_larger() -> None:
+    camera, lengths = Camera(width=160, height=120), (1e5, 2.5e4)
+    metadata = CaptureMetadata(pixel=Pixel(integration_length=lengths), optics=camera.optics)
+    shown = Exposure(scene=Wall(distance_m=2.0, asr=5.0), camera=camera, metadata=metadata, seed=5)
+    band = expose_band(shown, slice(0, 120))
+    volts, errors, within, two = frame_voltages(shown, band, 0), [], [], []
+    for length in (lengths, 1e5, None):
+        plan = FramePlan(metadata=replace(metadata, pixel=Pixel(integration_length=length)))
+        maps = resolve_frame(volts, plan=plan).maps
+        off = np.abs(maps.layer("direct.depth") - band.truth["direct.depth"])
+        errors.append(np.median(off))
+        within.append(np.mean(off < maps.layer("direct.sigma")))
+        two.append(np.mean((maps.status & StatusBit.TWO_PATHS) > 0))
+    assert within == pytest.approx([0.683, 0.4, 0.61], abs=0.03)
+    assert two == pytest.approx([0.005, 0.04, 0.001], abs=0.012)
+    assert errors[2] / errors[0] == pytest.approx(1.16, abs=0.06)
 
 
 def test_if_rounding_hides_all_noise_and_the_length_is_unknown_sigma_is_that_of_rounding() -> None:

@@ -137,7 +137,7 @@ class DefectiveCamera:
 
     def _sampled(self, row: int, theta: Float, shares: Float) -> "_Sampled":
         """Return mean and noise of the average of samples; both follow from the samples' first and second moments."""
-        n_av = self.metadata.pixel.integration_length
+        n_av = self.metadata.pixel.mean_length
         assert n_av is not None
         harmonic = self.metadata.modulation.harmonics[row]
         ambient = 1.0 - shares.sum(axis=0)

@@ -34,11 +34,11 @@ NOISE_RATIO = 2.0
 """Least ratio of an outlier's noise to the noise of the other pixels, or of theirs to its."""
 
 
-def fit_dark(mean: MeanVolts, /, *, origin: Origin, predicted_noise_v: float) -> DarkCalibration:
+def fit_dark(mean: MeanVolts, /, *, origin: Origin, predicted_noise_v: Float) -> DarkCalibration:
     """Return the dark calibration from the mean, in V, of frames of a covered lens.
 
-    `predicted_noise_v` is the noise of a channel of one frame. It is used if there is only one frame, which does not
-    show its own noise.
+    `predicted_noise_v`, (H,), is the noise of a channel of one frame at each harmonic. It is used if there is only one
+    frame, which does not show its own noise.
 
     A pixel is an outlier if its offset is more than `OFFSET_LIMIT` robust standard deviations from the median of its
     plane, or if its variance is outside the limits of χ² around the plane's median variance. With one frame, noise is
@@ -52,7 +52,8 @@ def fit_dark(mean: MeanVolts, /, *, origin: Origin, predicted_noise_v: float) ->
         raise SettingsError(
             "dark frames: found no pixel that is finite and not saturated in all of them, expected most pixels"
         )
-    predicted = np.full_like(mean.volts, max(predicted_noise_v**2, mean.rounding))
+    predicted = np.empty_like(mean.volts)
+    predicted[:] = np.maximum(predicted_noise_v**2, mean.rounding)[:, np.newaxis, np.newaxis, np.newaxis]
     variances = mean.variance if mean.frames > 1 else predicted
     defects, dead_are_told = np.zeros(mean.pixels, np.uint32), tells_dead(mean)
     defects[~mean.sound] |= np.uint32(Defect.NOT_FINITE)

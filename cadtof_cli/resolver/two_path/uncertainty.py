@@ -23,13 +23,13 @@ def two_path_sigmas(paths: "TwoPaths", /, *, noise: NoiseModel) -> Float:
         α = (−(1+c)s,  1+c+c²)/((1−c)(2+c)),   β = ((1+c)s,  ½−c−c²)/((1−c)(2+c))
 
     For white noise this is the Cramér–Rao bound, (σ/a)·√(13+20c+12c²)/(2(1−c)(2+c)). Here q_h has the covariance that
-    the averaging gives for this mix of light: E|q|² = ε(1/r_h² − |z_h|²) and E q² = ε(r_2h·z_2h/r_h² − z_h²), where
-    z_k = a + b·exp(ikD) and ε = 1/(2·n_av − 1). Multiplied out,
+    the averaging gives for this mix of light: E|q|² = ε_h(1/r_h² − |z_h|²) and E q² = ε_h(r_2h·z_2h/r_h² − z_h²), where
+    z_k = a + b·exp(ikD) and ε_h = 1/(2·n_av − 1). Multiplied out,
 
         σ_x²·(a(1−c)(2+c))² = s1(2+4c+3c²) + s2(5/4+c) − t1(a·c²(3+4c+2c²) + b·c(4+5c))
-                              + t2(a(3/4+3c−4c³−2c⁴) + b(3/4−c−2c²)) − 2ε(1−c²)(b − a(1+c))²
+                              + t2(a(3/4+3c−4c³−2c⁴) + b(3/4−c−2c²)) − (ε1+ε2)(1−c²)(b − a(1+c))²
 
-    with s_h the dark variance and t_h = ε·r_2h/(2·r_h²). For σ_y exchange a and b. Single precision is enough for this.
+    with s_h the dark variance and t_h = ε_h·r_2h/(2·r_h²). For σ_y exchange a and b. Single precision is enough for this.
 
     No light has a + b > 1, but noise can give such amplitudes, and σ_x² would then fall to 0. The right side is that of light
     with the same a/b and a + b = 1.
@@ -56,7 +56,7 @@ def two_path_sigmas(paths: "TwoPaths", /, *, noise: NoiseModel) -> Float:
 
 @dataclass(frozen=True)
 class VarianceTerms:
-    """Coefficients of cos⁰ D, cos¹ D … in the variance of `two_path_sigmas`, and `signal`, which is 2ε.
+    """Coefficients of cos⁰ D, cos¹ D … in the variance of `two_path_sigmas`, and `signal`, which is ε1 + ε2.
 
     `own` is multiplied by the amplitude of the path itself, `other` by the amplitude of the other path, `alone` by
     neither.
@@ -72,12 +72,12 @@ def variance_terms(each: Sequence[HarmonicNoise], /) -> VarianceTerms:
     """Return the coefficients for the noise of harmonics 1 and 2."""
     first, second = each
     s1, s2 = first.dark_variance, second.dark_variance
-    t1, t2 = (0.5 * first.averaging * h.pulse_double / h.pulse**2 for h in (first, second))
+    t1, t2 = (0.5 * h.averaging * h.pulse_double / h.pulse**2 for h in (first, second))
     return VarianceTerms(
         (2.0 * s1 + 1.25 * s2, 4.0 * s1 + s2, 3.0 * s1),
         (0.75 * t2, 3.0 * t2, -3.0 * t1, -4.0 * (t1 + t2), -2.0 * (t1 + t2)),
         (0.75 * t2, -4.0 * t1 - t2, -5.0 * t1 - 2.0 * t2),
-        2.0 * first.averaging,
+        first.averaging + second.averaging,
     )
 
 

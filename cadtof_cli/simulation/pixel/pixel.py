@@ -30,13 +30,46 @@ MOST_PHOTONS = 10**9
 
 
 @dataclass(frozen=True, kw_only=True)
-class PixelModel:
+class PixelDefects:
+    """What a real pixel does, besides averaging samples of the modulation.
+
+    Attributes:
+        sample_noise_v: noise of every sample, one standard deviation, such as kTC noise √(kT/C1).
+    """
+
+    jitter_ns: float = setting(0.0, "Timing jitter of the SPAD, one standard deviation.")
+    sample_noise_v: float = setting(0.0, "Noise of every sample, one standard deviation.")
+    gain_mismatch: float = setting(0.0, "Relative gain error of SC2: gain of SC2 over gain of SC1, minus 1.")
+    offsets_v: tuple[float, float] = setting((0.0, 0.0), "Offsets of SC1 and SC2 in V.")
+
+    def __post_init__(self) -> None:
+        require(0 <= self.sample_noise_v <= 1e6, "sample noise", f"{self.sample_noise_v:g} V", "0 to 1e6 V")
+        require(-1 <= self.gain_mismatch <= 1e6, "gain mismatch", self.gain_mismatch, "-1 to 1e6")
+        require(
+            all(abs(offset) <= 1e6 for offset in self.offsets_v), "offsets", self.offsets_v, "two voltages up to 1e6 V"
+        )
+
+    def require_jitter_below(self, period_ns: float, /) -> None:
+        """Raise SettingsError if the jitter is not less than the shortest period."""
+        expected = f"0 to less than {period_ns:g} ns"
+        require(0 <= self.jitter_ns < period_ns, "jitter", f"{self.jitter_ns:g} ns", expected)
+
+    def read_out(self, voltages_v: Float, /) -> Float:
+        """Return averaged voltages, (..., 2), as the pixel reads them out: with gain mismatch and offsets."""
+        return np.asarray(voltages_v * np.array([1.0, 1.0 + self.gain_mismatch]) + np.array(self.offsets_v))
+
+
+IDEAL = PixelDefects()
+"""A pixel without defects."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PixelModel(PixelDefects):
     """One pixel and how long it is exposed.
 
     Attributes:
         modulation: the voltages that the pixel samples.
         averaging: how the samples are averaged.
-        sample_noise_v: noise of every sample, one standard deviation, such as kTC noise √(kT/C1).
         motion: motion of the scene from harmonic to harmonic.
     """
 
@@ -47,13 +80,10 @@ class PixelModel:
         None, "Laser cycles per harmonic; with --photons.  [default: as many as give 12.5 n_av photons]"
     )
     dead_time_ns: float = setting(0.0, "Dead time of the SPAD; with --photons.")
-    jitter_ns: float = setting(0.0, "Timing jitter of the SPAD, one standard deviation.")
-    sample_noise_v: float = setting(0.0, "Noise of every sample, one standard deviation.")
-    gain_mismatch: float = setting(0.0, "Relative gain error of SC2: gain of SC2 over gain of SC1, minus 1.")
-    offsets_v: tuple[float, float] = setting((0.0, 0.0), "Offsets of SC1 and SC2 in V.")
     motion: Motion = AT_REST
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require(self.photons_per_cycle >= 1, "photons per cycle", self.photons_per_cycle, "1 or more")
         require(self.cycles is None or self.cycles >= 1, "cycles", self.cycles, "1 or more")
         period = self.modulation.periods_ns[0]
@@ -63,13 +93,7 @@ class PixelModel:
             f"{self.dead_time_ns:g} ns",
             f"0 to less than one cycle of {period:g} ns",
         )
-        shortest = min(self.modulation.periods_ns)
-        require(0 <= self.jitter_ns < shortest, "jitter", f"{self.jitter_ns:g} ns", f"0 to less than {shortest:g} ns")
-        require(0 <= self.sample_noise_v <= 1e6, "sample noise", f"{self.sample_noise_v:g} V", "0 to 1e6 V")
-        require(-1 <= self.gain_mismatch <= 1e6, "gain mismatch", self.gain_mismatch, "-1 to 1e6")
-        require(
-            all(abs(offset) <= 1e6 for offset in self.offsets_v), "offsets", self.offsets_v, "two voltages up to 1e6 V"
-        )
+        self.require_jitter_below(min(self.modulation.periods_ns))
         if self.dead_time_ns > 0 and self.averaging.stages.drive == "switched":
             raise SettingsError("dead time: found with switched stages, expected --stages dc")
 
@@ -90,10 +114,6 @@ class PixelModel:
     def photon_rate_hz(self) -> float:
         """Mean rate of arrivals."""
         return self.photons_per_cycle / (self.modulation.periods_ns[0] * 1e-9)
-
-    def read_out(self, voltages_v: Float, /) -> Float:
-        """Return averaged voltages, (..., 2), as the pixel reads them out: with gain mismatch and offsets."""
-        return np.asarray(voltages_v * np.array([1.0, 1.0 + self.gain_mismatch]) + np.array(self.offsets_v))
 
 
 def require_few_photons(model: PixelModel, /) -> None:

@@ -93,14 +93,15 @@ def voltage_statistics(
     modulation: Modulation,
     /,
     *,
-    variance_gain: float,
+    variance_gain: float | Float,
     mean_gain: float = 1.0,
     sample_noise_v: float = 0.0,
     motion: Motion = AT_REST,
 ) -> VoltageStatistics:
     """Return the distribution of the averaged voltages of every pixel of a mix, which may move from harmonic to harmonic.
 
-    `variance_gain` is Σ w_i² of the averaging, from `averaging_gain` or from the weights of a cascade. `mean_gain` is Σ w_i; it
+    `variance_gain` is Σ w_i² of the averaging, from `averaging_gain` or from the weights of a cascade; of all harmonics, or
+    of each as an array that broadcasts with the covariances. `mean_gain` is Σ w_i; it
     is less than 1 until the average has settled. `sample_noise_v` is the standard deviation of the additional noise of every
     sample, such as kTC noise.
     """

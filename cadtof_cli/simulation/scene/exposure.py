@@ -1,15 +1,16 @@
 """A scene, recorded by a camera: the distribution of every pixel's voltages, made in bands of rows, and frames drawn from it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.capture.metadata import CaptureMetadata
+from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
 from cadtof_cli.errors import SettingsError, require
 from cadtof_cli.simulation.pixel.averaging import averaging_gain
 from cadtof_cli.simulation.pixel.mix import AT_REST, Motion, PhotonMix
+from cadtof_cli.simulation.pixel.pixel import IDEAL, PixelDefects
 from cadtof_cli.simulation.pixel.statistics import VoltageStatistics, draw_voltages, voltage_statistics
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.light import Scene
@@ -26,7 +27,8 @@ class Exposure:
     """A recording: a scene, seen by a camera, with the modulation and averaging of the metadata.
 
     `seed` is that of everything random, in the array and in the frames. All of the scene moves from harmonic to
-    harmonic, by `motion`; every frame shows it at the same place.
+    harmonic, by `motion`; every frame shows it at the same place. All pixels have the same `defects`, besides those of
+    their own that the camera has.
     """
 
     scene: Scene
@@ -34,14 +36,22 @@ class Exposure:
     metadata: CaptureMetadata
     seed: int = 0
     motion: Motion = AT_REST
+    defects: PixelDefects = IDEAL
 
     def __post_init__(self) -> None:
         require(self.seed >= 0, "seed", self.seed, "0 or more")
+        self.defects.require_jitter_below(min(self.metadata.modulation.periods_ns))
+
+    @property
+    def told(self) -> CaptureMetadata:
+        """The metadata for `capture.toml`. If samples have a noise of their own, they tell no integration length, which
+        stands for the noise of photons alone."""
+        return replace(self.metadata, pixel=Pixel()) if self.defects.sample_noise_v else self.metadata
 
     @property
     def integration_length(self) -> float:
-        """n_av of Eq. (1); raises SettingsError if the metadata have none."""
-        length = self.metadata.pixel.integration_length
+        """n_av of Eq. (1), or of the harmonics' mean noise; raises SettingsError if the metadata have none."""
+        length = self.metadata.pixel.mean_length
         if length is None:
             raise SettingsError("integration length: found none, expected a number above 1")
         return length
@@ -79,8 +89,16 @@ def expose_band(exposure: Exposure, rows: slice, /) -> Band:
         period_ns=modulation.periods_ns[0],
         fwhm_ns=exposure.metadata.pulse.fwhm_ns,
     )
-    gain = averaging_gain(exposure.integration_length)
-    voltages = voltage_statistics(mix, modulation, variance_gain=gain, motion=exposure.motion)
+    given = exposure.metadata.pixel.integration_length
+    lengths = given if isinstance(given, tuple) else (exposure.integration_length,)
+    gain = np.array([averaging_gain(length) for length in lengths]).reshape(-1, 1, 1, 1)
+    voltages = voltage_statistics(
+        mix.jittered(exposure.defects.jitter_ns),
+        modulation,
+        variance_gain=gain,
+        sample_noise_v=exposure.defects.sample_noise_v,
+        motion=exposure.motion,
+    )
     return Band(voltages, truth)
 
 
@@ -117,4 +135,7 @@ def frame_voltages(exposure: Exposure, whole: Band, index: int, /, *, offsets_v:
     """
     generator = np.random.default_rng(np.random.SeedSequence(exposure.seed, spawn_key=(_FRAME_KEY, index)))
     voltages: Float = draw_voltages(whole.voltages, generator, draws=1)[0]
+    if exposure.defects != IDEAL:
+        channels_last = exposure.defects.read_out(np.moveaxis(voltages, 1, -1))
+        voltages = np.ascontiguousarray(np.moveaxis(channels_last, -1, 1))
     return voltages if offsets_v is None else voltages + offsets_v

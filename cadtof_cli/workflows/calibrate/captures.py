@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from cadtof_cli.arrays import Stored
+from cadtof_cli.arrays import Float, Stored
 from cadtof_cli.calibration.parts import PART_KINDS, Origin, PartKind
 from cadtof_cli.calibration.store import Calibration, Part, digest_of, load_calibration, save_part
 from cadtof_cli.capture.checks import shown
@@ -139,9 +139,19 @@ def averaged_captures(
     return Averaged(averaged, earlier, origin)
 
 
-def predicted_noise_v(metadata: CaptureMetadata, /) -> float:
-    """Return the standard deviation of a channel of one frame in V, for too few frames to measure it."""
-    return ambient_noise_v(metadata, integration_length=metadata.pixel.integration_length or ASSUMED_LENGTH)
+def predicted_noise_v(metadata: CaptureMetadata, /) -> Float:
+    """Return the standard deviation of a channel of one frame in V at each harmonic, (H,), for too few frames to measure it."""
+    given = metadata.pixel.integration_length
+    lengths = given if isinstance(given, tuple) else (given or ASSUMED_LENGTH,) * len(metadata.modulation.harmonics)
+    return np.array([ambient_noise_v(metadata, integration_length=length) for length in lengths])
+
+
+def length_in_words(metadata: CaptureMetadata, /) -> str:
+    """Return the integration length, or those of the harmonics."""
+    given = metadata.pixel.integration_length
+    if given is None:
+        return f"{ASSUMED_LENGTH:g}, as none is given"
+    return ", ".join(f"{length:g}" for length in given) if isinstance(given, tuple) else f"{given:g}"
 
 
 def _frames(capture: Capture, progress: Progress, *, has_light: bool, of_order: bool) -> Iterator[Stored]:
@@ -172,13 +182,15 @@ def _too_much_scatter(capture: Capture, mean: MeanVolts) -> str | None:
     n_av = capture.source.metadata.pixel.integration_length
     if n_av is None or CHANNELS * np.count_nonzero(mean.sound) * (mean.frames - 1) < LEAST_FREEDOM:
         return None
-    seen = float(mean.frame_noise().max())
-    expected = math.hypot(predicted_noise_v(capture.source.metadata), mean.step / math.sqrt(12.0))
+    lengths = length_in_words(capture.source.metadata)
+    each = np.hypot(predicted_noise_v(capture.source.metadata), mean.step / math.sqrt(12.0))
+    worst = int(np.argmax(mean.frame_noise() / each))
+    seen, expected = float(mean.frame_noise()[worst]), float(each[worst])
     if seen <= MOST_SCATTER * expected:
         return None
     return (
         f"its frames differ by {1000.0 * seen:.3g} mV per channel, {seen / expected:.1f} times what integration_length = "
-        f"{n_av:g} explains: a frame of another scene is among them, something changed meanwhile (light, temperature, "
+        f"{lengths} explains: a frame of another scene is among them, something changed meanwhile (light, temperature, "
         "settings), or integration_length is not that of the camera; the mean of such frames may be wrong"
     )
 

@@ -13,10 +13,10 @@ from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CaptureError, SettingsError
 from cadtof_cli.phasors.frame_mean import MeanVolts
 from cadtof_cli.workflows.calibrate.captures import (
-    ASSUMED_LENGTH,
     CalibrateReport,
     CalibrateSettings,
     averaged_captures,
+    length_in_words,
     predicted_noise_v,
     save_with_report,
 )
@@ -40,11 +40,9 @@ def calibrate_dark(inputs: Sequence[Path], /, *, settings: CalibrateSettings, pr
     known = zip(counts.values(), Defect, strict=True)
     findings = tuple(f"{count} pixels with {defect.meaning}" for count, defect in known if count)
     if mean.frames < 2:
-        length = metadata.pixel.integration_length
-        source = f"{ASSUMED_LENGTH:g}, as none is given" if length is None else f"{length:g}"
         findings += (
             "only one frame: the noise was not measured but predicted from the integration length "
-            f"({source}), and noisy and dead pixels were not looked for",
+            f"({length_in_words(metadata)}), and noisy and dead pixels were not looked for",
         )
     elif not tells_dead(mean):
         findings += (

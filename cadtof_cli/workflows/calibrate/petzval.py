@@ -62,7 +62,8 @@ def _wall(capture: Capture, mean: MeanVolts, folder: Path, earlier: Calibration 
     """
     metadata = capture.source.metadata
     n_av = metadata.pixel.integration_length
-    pixel = replace(metadata.pixel, integration_length=n_av * mean.frames if n_av is not None else None)
+    lengths = tuple(length * mean.frames for length in n_av) if isinstance(n_av, tuple) else n_av and n_av * mean.frames
+    pixel = replace(metadata.pixel, integration_length=lengths)
     use = CalibrationUse(folder, earlier.digest, curved=False) if earlier else None
     harmonics = metadata.modulation.harmonics
     solver: SolverName = "two-path" if harmonics == (1, 2) or len(harmonics) > 2 else "one-path"

@@ -47,7 +47,7 @@ def calibrate_response(
 
 
 def _target(capture: Capture, mean: MeanVolts, earlier: Calibration | None) -> TargetMean:
-    volts, noise = mean.volts, np.full(mean.volts.shape[0], predicted_noise_v(capture.source.metadata))
+    volts, noise = mean.volts, predicted_noise_v(capture.source.metadata)
     noise = mean.mean_noise() if mean.frames >= FRAMES_ENOUGH else noise / math.sqrt(mean.frames)
     offset_noise_v = earlier.dark.quality()["offset_stderr_v"] if earlier and earlier.dark else 0.0
     if earlier and earlier.dark:

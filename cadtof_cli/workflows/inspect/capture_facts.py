@@ -245,7 +245,7 @@ class _LookedInto:
             facts.problems.append(f"{first} (and {counted(len(others), 'more frame')})" if others else first)
         if capture.typical and (doubt := mistaken_unit(metadata, capture.typical.pixels)):
             facts.problems.append(f"{capture.root}: {doubt}")
-        n_av = metadata.pixel.integration_length or facts.integration_length_seen
+        n_av = metadata.pixel.mean_length or facts.integration_length_seen
         if n_av is not None:
             facts.noise_mv = 1000.0 * ambient_noise_v(metadata, integration_length=n_av)
         try:

@@ -11,9 +11,17 @@ from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.maps import STATUS
 from cadtof_cli.maps.comparison import BitChange, LayerDifference, MagnitudeTally, changed_bits, difference
 from cadtof_cli.maps.layers import DIRECT_DEPTH, MPI_DEPTH
+from cadtof_cli.optics import planar_per_range
 from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS
 from cadtof_cli.resolver.status import bit_words
-from cadtof_cli.workflows.inspect.run_map import Layers, require_same_depth, require_same_part, require_same_size
+from cadtof_cli.workflows.inspect.run_map import (
+    GivenOptics,
+    Layers,
+    in_kind,
+    require_same_depth,
+    require_same_part,
+    require_same_size,
+)
 from cadtof_cli.workflows.inspect.truth import without_holes
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import read_run
@@ -83,16 +91,17 @@ class FramePair:
 class MapPairs:
     """The frames that A and B, folders or files of maps, share by name. A lone file, such as truth, goes with every frame.
 
+    If A and B hold different kinds of depth, the depths of B become those of A.
+
     Raises:
         CaptureError: A or B has no maps, or they share no frame.
-        SettingsError: one holds radial range and the other planar depth, or they show different parts of the frames.
+        SettingsError: they show different parts of the frames.
     """
 
     def __init__(self, first: Path, second: Path, /) -> None:
         self.a, self.b = read_run(first), read_run(second)
         # a lone file is one of the last two with every frame
         self._read = lru_cache(maxsize=2)(_values)
-        require_same_depth(self.a, self.b)
         if self.a.roi and self.b.roi:
             require_same_part(self.a, self.b)
         one, other = ({run.name(file): file for file in run.require_maps()} for run in (self.a, self.b))
@@ -114,14 +123,34 @@ class MapPairs:
             raise CaptureError(f"{first} and {second} share no frame: found {found[0]} … and {found[1]} …")
 
     def pair(self, name: str, /) -> FramePair:
-        """Return a frame's layers in A and in B; raises CadtofError if they cannot be read, or differ in size."""
+        """Return a frame's layers in A and in B.
+
+        Raises:
+            CadtofError: they cannot be read, differ in size, or hold different kinds of depth and the optics are unknown.
+        """
         files = self.files[name]
+        whole = self._read(files[0]), self._in_kind_of_a(files, self._read(files[1]))
         first, second = (
-            {key: self.b.cropped(self.a.cropped(plane)) for key, plane in self._read(file).items()} for file in files
+            {key: self.b.cropped(self.a.cropped(plane)) for key, plane in layers.items()} for layers in whole
         )
         one, other = (next(iter(layers.values())) for layers in (first, second))
         require_same_size(other, one.shape, files[1], files[0])
         return FramePair(name, first, second)
+
+    def _in_kind_of_a(self, files: tuple[Path, Path], layers: Layers) -> Layers:
+        """Return the layers of the second file, its depths of the kind that A holds."""
+        if self.a.depth_kind == self.b.depth_kind:
+            return layers
+        height, width = next(iter(layers.values())).shape
+        optics = GivenOptics().optics(self.b, files[1])
+        if optics.focal_length_px is None:
+            # truth has no record: of whole frames, its pixels count as those of A's recorded frames do
+            roi = self.a.roi
+            whole = roi is not None and (height, width) != (roi[3] - roi[1], roi[2] - roi[0])
+            optics = self.a.optics(files[0]) if whole else GivenOptics().optics(self.a, files[0])
+        if optics.focal_length_px is None:
+            require_same_depth(self.a, self.b)
+        return in_kind(layers, self.a.depth_kind, planar_per_range(optics, (height, width)))
 
 
 def _values(file: Path) -> Layers:
@@ -142,6 +171,9 @@ def compare_maps(pairs: MapPairs, /, *, progress: Progress) -> Comparison:
     frames, only_a, only_b = list[FrameDifference](), set[str](), set[str]()
     for run in {run.maps: run for run in (pairs.a, pairs.b)}.values():
         run.tell_if_unfinished(progress.say)
+    if pairs.a.depth_kind != pairs.b.depth_kind:
+        kinds = (DEPTH_IN_WORDS[run.depth_kind] for run in (pairs.b, pairs.a))
+        progress.say("{} holds {}: converted into {}, as {} holds".format(pairs.b.maps, *kinds, pairs.a.maps))
     progress.advance(0, total=len(pairs.files))
     for pair in map(pairs.pair, pairs.files):
         found.frames += 1
@@ -203,7 +235,7 @@ def draw_worst(pairs: MapPairs, found: Comparison, out: Path, /) -> None:
     pair = pairs.pair(found.worst[0].frame)
     named = [name for name in (DIRECT_DEPTH, MPI_DEPTH) if name in pair.shared] or list(pair.shared[:2])
     title = f"{pair.name}: A = {pairs.a.maps}, B = {pairs.b.maps}"
-    # `MapPairs` refuses pairs of range and planar depth
+    # `MapPairs` makes the depths of B those of A
     depth = DEPTH_IN_WORDS[pairs.a.depth_kind]
     one, other = (Shown.of(letter, layers, depth=depth) for letter, layers in (("A", pair.first), ("B", pair.second)))
     draw_comparison(one, other, named, out, title=title)

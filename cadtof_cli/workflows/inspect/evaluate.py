@@ -33,29 +33,39 @@ class Scatter:
     median_sigma_cm: float | None
 
 
-def evaluate_maps(maps: Path, /, *, truth: Path, progress: Progress, table: Path | None, overwrite: bool) -> Evaluation:
-    """Compare the direct depth of a folder of maps, or of one file, with the true direct depth; a step of progress is a map.
+def evaluate_maps(
+    maps: Path,
+    /,
+    *,
+    truth: Path,
+    progress: Progress,
+    table: Path | None,
+    overwrite: bool,
+    layer: str = DIRECT_DEPTH,
+) -> Evaluation:
+    """Compare a layer of depths of a folder of maps, or of one file, with that of the truth; a step of progress is a map.
 
-    The first phasor is compared too, over the same pixels: if a pixel has no answer in the maps, it has no first phasor either.
-    `truth` is a file, or a folder with a file for each capture in the same tree as the maps. `table` is a CSV file to be written,
-    with a line for each frame.
+    With the direct depth, the first phasor is compared too, over the same pixels: if a pixel has no answer in the maps, it has no
+    first phasor either. `truth` is a file, or a folder with a file for each capture in the same tree as the maps. `table` is a
+    CSV file to be written, with a line for each frame.
 
     Raises:
-        CadtofError: maps or truth cannot be read, hold no direct depth, differ in size, or hold z depth.
+        CadtofError: maps or truth cannot be read, hold no direct depth, or differ in size; or range and
+            z depth cannot be compared, because the optics are unknown.
     """
     if table is not None:
         require_new(table, overwrite=overwrite)
     run = read_run(maps)
     files = run.require_maps()
-    known = Truth(truth, run)
+    known = Truth(truth, run, layer)
     known.tell_of_captures(progress.say)
     _tell_what_is_left_out(run, progress.say)
-    recorded = first_phasors(run, progress.say)
+    recorded = first_phasors(run, progress.say) if layer == DIRECT_DEPTH else None
     whole, lines = EvaluationTally(), dict[str, Evaluation]()
     progress.advance(0, total=len(files))
     for one in (RunMap.read(run, file) for file in files):
-        depth, sigma = one.layer(DIRECT_DEPTH), one.sigma(DIRECT_DEPTH)
-        expected, alone, of_frame = known.depth(one), recorded.depth(one), EvaluationTally()
+        depth, sigma, expected = one.layer(layer), one.sigma(layer), known.depth(one)
+        alone, of_frame = recorded.depth(one) if recorded else None, EvaluationTally()
         for tally in (whole, of_frame) if table is not None else (whole,):
             tally.add(depth, expected, sigma_m=sigma, first_phasor_m=alone)
         if table is not None:

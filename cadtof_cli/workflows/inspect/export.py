@@ -20,7 +20,8 @@ from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.optics import planar_per_range, ray_slopes
 from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS, DepthKind
 from cadtof_cli.records import setting
-from cadtof_cli.workflows.inspect.run_map import GivenOptics, RunMap
+from cadtof_cli.workflows.inspect.run_map import GivenOptics, Layers, RunMap, in_kind
+from cadtof_cli.workflows.inspect.truth import without_holes
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import Run, read_run
 
@@ -34,7 +35,9 @@ class ExportSettings(GivenOptics):
 
     layer: str = setting(DIRECT_DEPTH, "Layer of the depths for point clouds and images.", metavar="NAME")
     depth: DepthKind | None = setting(
-        None, "Kind of the depths, if the maps do not say it; nothing is converted.  [default: range]"
+        None,
+        "Kind of the depths in the file: maps of the other kind are converted, which needs the focal length. Maps that do not "
+        "say which kind they hold are taken to hold this one.  [default: as the maps, else range]",
     )
     overwrite: bool = setting(False, "Replace the files if they exist.")
 
@@ -74,6 +77,10 @@ def export_maps(
     runs = [read_run(path) for path in maps]
     for run in runs:
         run.tell_if_unfinished(progress.say)
+        if settings.depth is not None and run.said_depth is None:
+            progress.say(
+                f"{run.maps}: does not say which kind of depth it holds: taken for {DEPTH_IN_WORDS[settings.depth]}"
+            )
     found = [(run, file) for run in runs for file in run.require_maps()]
     by_output: dict[Path, tuple[Run, Path]] = {}
     for run, file in found:
@@ -88,42 +95,45 @@ def export_maps(
         by_output[output] = run, file
     progress.advance(0, total=len(found))
     for output, (run, file) in by_output.items():
-        kind, optics = _kind(run, settings), settings.optics(run, file)
-        format.write(_Exported(run, file, read_layers(file), settings.layer, kind, optics), output)
+        kind = settings.depth or run.depth_kind
+        layers: Layers = read_layers(file)
+        optics = settings.optics(run, file)
+        if run.said_depth not in {None, kind}:
+            height, width = next(iter(layers.values())).shape
+            layers = in_kind(layers, kind, planar_per_range(_known(optics, file), (height, width)))
+        format.write(_Exported(run, file, layers, settings.layer, kind, optics), output)
         progress.advance()
     return tuple(by_output)
 
 
-def _kind(run: Run, settings: ExportSettings) -> DepthKind:
-    """Return the kind of depth that the maps name, else the user's choice; raises SettingsError if the two differ."""
-    if settings.depth is None:
-        return run.depth_kind
-    if run.said_depth not in {None, settings.depth}:
+def _known(optics: Optics, file: Path) -> Optics:
+    """Return the optics of a map; raises SettingsError if its focal length is unknown."""
+    if optics.focal_length_px is None:
         raise SettingsError(
-            f"--depth: found {settings.depth}, expected {run.said_depth}: {run.maps} holds {DEPTH_IN_WORDS[run.depth_kind]}"
+            f"{file}: its optics are unknown: give --focal-length-px, and for maps of a --roi also --principal-point-px, "
+            "counted from the corner of the maps"
         )
-    return settings.depth
+    return optics
 
 
 def _write_points(one: _Exported, output: Path) -> None:
-    """Write the points of the pixels that have an answer: x right, y down, z forward from the camera, in m."""
+    """Write the points of the pixels that have a depth: x right, y down, z forward from the camera, in m.
+
+    Amplitude, sigma and status are written as far as the map has them: truth has no sigma and no status.
+    """
     depth, path = one.depth, one.name.removesuffix(".depth")
-    # asked for first: without these layers, as in truth, optics do not help
-    amplitude, sigma, status = map(one.layer, (f"{path}.amplitude", f"{path}.sigma", STATUS))
-    if one.optics.focal_length_px is None:
-        raise SettingsError(
-            f"{one.file}: its optics are unknown: give --focal-length-px, and for maps of a --roi also --principal-point-px, "
-            "counted from the corner of the maps"
-        )
-    known = np.isfinite(depth)
+    depth = depth if STATUS in one.layers else without_holes(depth)
+    optics, known = _known(one.optics, one.file), np.isfinite(depth)
     depth = np.where(known, depth, np.nan)
     size = depth.shape[0], depth.shape[1]
-    right, down = ray_slopes(one.optics, size)
-    forward = depth if one.kind == "z" else depth * planar_per_range(one.optics, size)
-    planes = {"x": forward * right, "y": forward * down, "z": forward, "amplitude": amplitude, "sigma": sigma}
+    right, down = ray_slopes(optics, size)
+    forward = depth if one.kind == "z" else depth * planar_per_range(optics, size)
+    planes = {"x": forward * right, "y": forward * down, "z": forward}
+    planes |= {name: one.layers[f"{path}.{name}"] for name in ("amplitude", "sigma") if f"{path}.{name}" in one.layers}
     points = {name: plane[known].astype(np.float32) for name, plane in planes.items()}
+    of_status = {STATUS: one.layers[STATUS][known]} if STATUS in one.layers else {}
     comment = f"cadtof: {one.name} of {one.file.name}, metres; amplitude V, sigma m"
-    write_points(output, points | {STATUS: status[known]}, comment=comment)
+    write_points(output, points | of_status, comment=comment)
 
 
 def _write_png(one: _Exported, output: Path) -> None:
@@ -165,20 +175,26 @@ def _texts(values: NDArray[Any]) -> list[str]:
 
 @dataclass(frozen=True)
 class ExportFormat:
-    """A format: the function that writes a map, and the names of the settings that have no effect on its files."""
+    """A format: the function that writes a map, and the names of the settings that have no effect on its files.
+
+    `needs_rays`: points need the optics also if no depth is converted.
+    """
 
     write: Callable[[_Exported, Path], None]
+    needs_rays: bool = False
     unused: tuple[str, ...] = ()
 
+    def without_effect(self, settings: ExportSettings, /) -> tuple[str, ...]:
+        """Return the names of the settings that have no effect beside the others."""
+        optics = () if self.needs_rays or settings.depth else tuple(one.name for one in fields(GivenOptics))
+        return self.unused + optics
 
-_FOR_POINTS = tuple(one.name for one in fields(GivenOptics))
-_FOR_DEPTHS = "layer", "depth", *_FOR_POINTS
 
 EXPORTS = {
-    ".ply": ExportFormat(_write_points),
-    ".pcd": ExportFormat(_write_points),
-    ".png": ExportFormat(_write_png, _FOR_POINTS),
-    ".npz": ExportFormat(_write_npz, _FOR_DEPTHS),
-    ".csv": ExportFormat(_write_csv, _FOR_DEPTHS),
+    ".ply": ExportFormat(_write_points, needs_rays=True),
+    ".pcd": ExportFormat(_write_points, needs_rays=True),
+    ".png": ExportFormat(_write_png),
+    ".npz": ExportFormat(_write_npz, unused=("layer",)),
+    ".csv": ExportFormat(_write_csv, unused=("layer",)),
 }
 """The registry of the formats of other software, by the suffix of the file."""

@@ -8,23 +8,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Float, Index
+from cadtof_cli.arrays import Index
 from cadtof_cli.errors import SettingsError, require
 from cadtof_cli.files.atomic import require_new, write_text
 from cadtof_cli.files.documents import csv_text
 from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
 from cadtof_cli.maps.profile import Curve, Profile
-from cadtof_cli.optics import planar_per_range
 from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS
 from cadtof_cli.records import setting
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
-from cadtof_cli.workflows.inspect.run_map import (
-    GivenOptics,
-    RunMap,
-    require_same_depth,
-    require_same_part,
-    require_same_size,
-)
+from cadtof_cli.workflows.inspect.run_map import RunMap, require_same_depth, require_same_part, require_same_size
 from cadtof_cli.workflows.inspect.truth import require_truth, true_layer
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import Run, read_run
@@ -108,7 +101,10 @@ def read_profile(maps: Sequence[Path], /, *, settings: ProfileSettings, progress
     for one, name in zip(itertools.chain((first,), others), _names(runs, files), strict=True):
         require_same_size(one.layer(settings.layer), size, one.file, first.file)
         found.append(_curve(one, name, where, settings=settings, say=progress.say))
-    known = _truth(settings.truth, first, settings.layer)[rows, columns] if settings.truth else None
+    known = None
+    if settings.truth:
+        require_truth(settings.truth)
+        known = true_layer(first, settings.layer, settings.truth)[rows, columns]
     # the legend names the folder, which is enough if it holds only one map
     of_frame = f" of {runs[0].name(files[0])}" if len(runs[0].files) > 1 else ""
     axis = "row" if settings.column is not None else "along the line" if settings.row is None else "column"
@@ -154,27 +150,6 @@ def _names(runs: Sequence[Run], files: Sequence[Path]) -> list[str]:
         if len(set(names)) == len(names):
             return names
     return [f"{number}: {file}" for number, file in enumerate(files, start=1)]
-
-
-def _truth(truth: Path, one: RunMap, layer: str) -> Float:
-    """Return the truth of a map's layer, (Y, X). Depths are of the kind that the map holds: radial range, or planar depth."""
-    require_truth(truth)
-    run = one.run
-    whole = true_layer(run, layer, truth)
-    known = run.cropped(whole)
-    require_same_size(known, one.layer(layer).shape, truth, one.file)
-    if run.depth_kind == "z" and layer.endswith(".depth"):
-        optics = run.optics(one.file)
-        if run.roi is not None and known.shape == whole.shape:
-            # truth of a part: pixels count from its corner, and it does not tell the middle of the frame
-            if optics.principal_point_px is None:
-                raise SettingsError(
-                    f"{truth}: holds only the pixels of --roi, and run.json names no principal point, so z depth cannot be "
-                    "computed; give truth of whole frames, or resolve with --principal-point-px"
-                )
-            optics = GivenOptics().optics(run, one.file)
-        known = known * run.cropped(planar_per_range(optics, (whole.shape[0], whole.shape[1])))
-    return known
 
 
 def profile_table(profile: Profile, /) -> str:

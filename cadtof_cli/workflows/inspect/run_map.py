@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cadtof_cli.arrays import Float
 from cadtof_cli.capture.frames import TRUTH
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
@@ -18,7 +19,7 @@ from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.maps import STATUS, DamagedMapsError, NotMapsError, is_map_layer
 from cadtof_cli.files.named_planes import channel_in_words, is_of_a_plane
 from cadtof_cli.files.reading import is_folder
-from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS
+from cadtof_cli.pipeline.plan import DEPTH_IN_WORDS, DepthKind
 from cadtof_cli.records import setting
 from cadtof_cli.units import size_text
 from cadtof_cli.workflows.map_files import each_map_file
@@ -133,6 +134,18 @@ def _first_sound_layers(files: Sequence[Path], /) -> Layers | None:
         except CadtofError:
             continue
     return None
+
+
+def in_kind(layers: Layers, kind: DepthKind, planar: Float, /) -> Layers:
+    """Return the layers of a map, (Y, X), with depths and their standard deviations of the given kind instead of the other.
+
+    `planar`, (Y, X), is the ratio of z depth to range.
+    """
+    factor = planar if kind == "z" else 1.0 / planar
+    return {
+        name: (plane * factor).astype(plane.dtype) if name.endswith((".depth", ".sigma")) else plane
+        for name, plane in layers.items()
+    }
 
 
 def require_same_depth(run: Run, other: Run, /) -> None:

@@ -21,6 +21,7 @@ from cadtof_cli.files.frames import FrameLayout
 from cadtof_cli.files.layers import write_layers
 from cadtof_cli.records import setting
 from cadtof_cli.simulation.pixel.mix import AT_REST, Motion
+from cadtof_cli.simulation.pixel.pixel import IDEAL, PixelDefects
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Band, Exposure, band_rows, expose_bands, frame_voltages, joined
 from cadtof_cli.simulation.scene.light import Scene
@@ -60,9 +61,10 @@ def scene_exposure(
     *,
     modulation: Modulation,
     pulse: Pulse,
-    integration_length: float,
+    integration_length: float | tuple[float, ...],
     seed: int,
     motion: Motion = AT_REST,
+    defects: PixelDefects = IDEAL,
 ) -> Exposure:
     """Return the exposure of a scene, with the metadata for its `capture.toml`."""
     offset = getattr(scene, "lamp_offset_m", (0.0, 0.0, 0.0))
@@ -74,7 +76,7 @@ def scene_exposure(
         optics=replace(camera.optics, lamp_offset_m=offset) if any(offset) else camera.optics,
         target=Target(distance_m=scene.distance_m if isinstance(scene, Wall) else None),
     )
-    return Exposure(scene=scene, camera=camera, metadata=metadata, seed=seed, motion=motion)
+    return Exposure(scene=scene, camera=camera, metadata=metadata, seed=seed, motion=motion, defects=defects)
 
 
 def record_scene(
@@ -152,6 +154,7 @@ def _comments(exposure: Exposure, frames: int) -> tuple[str, ...]:
         f"scene: {exposure.scene!r}",
         f"camera: {exposure.camera!r}",
         *([f"motion: {exposure.motion!r}"] if exposure.motion.speed_m_s else []),
+        *([f"pixels: {exposure.defects!r}"] if exposure.defects != IDEAL else []),
         f"frames: {frames}, seed: {exposure.seed}; truth per pixel in truth.exr",
     )
 
@@ -170,7 +173,7 @@ def write_capture(
 
     `truth` holds layers by name, (Y, X) each, NaN where the truth is unknown; `comments` are lines at the top of `capture.toml`.
     """
-    kind, metadata = format_by_name(settings.frame_format), exposure.metadata
+    kind, metadata = format_by_name(settings.frame_format), exposure.told
     metadata = metadata if kind.recording == "counts" else replace(metadata, voltage=Voltage())
     (folder / FILE_NAME).write_text(toml_text(metadata, comments=comments), encoding="utf-8")
     write_layers(folder / "truth.exr", truth, lossy=True)

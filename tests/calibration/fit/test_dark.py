@@ -30,11 +30,19 @@ def mean_of(frames: NDArray[Any], voltage: Voltage | None = None) -> MeanVolts:
     return mean_volts(frames, voltage=voltage or Voltage())
 
 
+def test_a_single_frame_has_the_noise_that_is_predicted_of_each_harmonic() -> None:
+    mean = mean_volts([np.zeros((2, 2, 5, 6))], voltage=Voltage())
+    origin = Origin(captures=("dark",), frames=1, pixels=mean.pixels, periods_ns=(40.0, 20.0), waveform="sine")
+    found = fit_dark(mean, origin=origin, predicted_noise_v=np.array([1e-3, 3e-3])).noise_v
+    np.testing.assert_allclose(found[0], 1e-3, rtol=1e-6)
+    np.testing.assert_allclose(found[1], 3e-3, rtol=1e-6)
+
+
 def fitted(mean: MeanVolts) -> DarkCalibration:
     origin = Origin(
         captures=("dark",), frames=mean.frames, pixels=mean.pixels, periods_ns=(40.0, 20.0), waveform="sine"
     )
-    return fit_dark(mean, origin=origin, predicted_noise_v=2 * NOISE_V)
+    return fit_dark(mean, origin=origin, predicted_noise_v=np.array([2 * NOISE_V, 2 * NOISE_V]))
 
 
 def dark_of(frames: NDArray[Any], voltage: Voltage | None = None) -> DarkCalibration:

@@ -19,8 +19,10 @@ TABLE_1 = [
 ]
 
 
-def solve(light: Light, n_av: float, size: int) -> tuple[TwoPaths, NDArray[np.float64]]:
-    p = phasors_of(light.voltages(np.random.default_rng(12), n_av, size))
+def solve(light: Light, n_av: float | tuple[float, float], size: int) -> tuple[TwoPaths, NDArray[np.float64]]:
+    each = n_av if isinstance(n_av, tuple) else (n_av, n_av)
+    volts = np.stack([light.voltages(np.random.default_rng(12), length, size)[row] for row, length in enumerate(each)])
+    p = phasors_of(volts)
     paths = two_paths(fundamental_frame(p[0], p[1]))
     return paths, two_path_sigmas(paths, noise=noise_model(CaptureMetadata(), integration_length=n_av, quantised=False))
 
@@ -59,6 +61,16 @@ def test_predicted_sigma_is_the_observed_scatter_in_table_1(second_ns: float) ->
 )
 def test_predicted_sigma_is_the_observed_scatter_if_the_noise_is_far_from_white(light: Light) -> None:
     direct, second, sigma_direct, sigma_second = delays_ns(*solve(light, 1e5, 4000))
+    assert 0.94 < np.median(sigma_direct) / direct.std() < 1.06
+    assert 0.94 < np.median(sigma_second) / second.std() < 1.06
+
+
+@pytest.mark.parametrize("light", [Light(0.0, 0.3), Light(0.5, 0.5, 5.0, 14.0), Light(5.0, 0.3)])
+@pytest.mark.parametrize("lengths", [(1e6, 1e5), (1e5, 1e6)])
+def test_predicted_sigma_is_the_observed_scatter_if_each_harmonic_has_a_length_of_its_own(
+    light: Light, lengths: tuple[float, float]
+) -> None:
+    direct, second, sigma_direct, sigma_second = delays_ns(*solve(light, lengths, 4000))
     assert 0.94 < np.median(sigma_direct) / direct.std() < 1.06
     assert 0.94 < np.median(sigma_second) / second.std() < 1.06
 

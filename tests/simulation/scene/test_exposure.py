@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.simulation.pixel.pixel import PixelDefects
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Exposure, band_rows, expose_band, frame_voltages, joined
 from cadtof_cli.simulation.scene.scenes import Card, Wall
@@ -61,6 +62,30 @@ def test_a_pixel_s_own_delay_and_the_lens_s_come_on_top_of_every_path() -> None:
     delay = bent.curvature_delay_ns(slice(8, 16)) + bent.fixed_delays_ns(4)[8:16]
     assert_allclose(np.angle(second / first), 2.0 * np.pi * delay / 40.0, atol=1e-6)
     assert_allclose(turned.truth["direct.depth"], whole.truth["direct.depth"])
+
+
+def test_all_pixels_of_a_scene_have_the_defects_of_a_pixel() -> None:
+    """SC2 is stronger by 4 %, after which the offsets are added; the noise of samples is averaged as photons are."""
+    plain = exposure()
+    real = replace(plain, defects=PixelDefects(gain_mismatch=0.04, offsets_v=(0.002, -0.001)))
+    noisy, late = (
+        replace(plain, defects=PixelDefects(sample_noise_v=0.3)),
+        replace(plain, defects=PixelDefects(jitter_ns=0.5)),
+    )
+    whole, with_noise, with_jitter = (expose_band(one, slice(0, 19)) for one in (plain, noisy, late))
+    ideal, found = (frame_voltages(one, whole, 3) for one in (plain, real))
+    assert_allclose(found[:, 0], ideal[:, 0] + 0.002)
+    assert_allclose(found[:, 1], 1.04 * ideal[:, 1] - 0.001)
+    added = with_noise.voltages.covariances_v2 - whole.voltages.covariances_v2
+    assert_allclose(added[:, 0::2], 0.3**2 / (2 * 1e4 - 1), rtol=1e-6)
+    assert_allclose(added[:, 1], 0.0, atol=1e-18)
+    # a Gaussian of standard deviation s multiplies harmonic h by exp(−(2π·h·s/T1)²/2)
+    for row, harmonic in enumerate((1, 2)):
+        shorter = np.exp(-0.5 * (2.0 * np.pi * harmonic * 0.5 / 40.0) ** 2)
+        assert_allclose(with_jitter.voltages.means_v[row], shorter * whole.voltages.means_v[row], atol=1e-12)
+    assert [one.told.pixel.integration_length for one in (plain, real, noisy)] == [1e4, 1e4, None]
+    with pytest.raises(SettingsError, match="jitter: found 20 ns, expected 0 to less than 20 ns"):
+        replace(plain, defects=PixelDefects(jitter_ns=20.0))
 
 
 def test_without_an_integration_length_there_is_no_noise_to_draw() -> None:
