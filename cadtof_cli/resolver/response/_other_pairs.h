@@ -31,7 +31,7 @@ typedef struct {
     FloatRow per_variance, found[2], sigma[2], farthest[2], least, misfit, amplitude[2], step, going;
 } FollowGroup;
 
-/* other_pairs.py: Recorded.answers. If `slope` is NULL, it is not wanted. */
+/* other_pairs.py: WeightedPhasors.answers. If `slope` is NULL, it is not wanted. */
 INLINE void answers(const FollowGroup *restrict g, const Follow *restrict follow, const float *restrict phase, FloatRow *restrict to,
                     FloatRow *restrict slope) {
     const float *numbers = follow->constants + FOLLOW_CONSTANTS, *back = numbers + follow->rows, *ratios = back + follow->rows;

@@ -49,7 +49,7 @@ Pair = tuple[Float32, Float32]
 """Values of both paths, float32 (m,) each."""
 
 Vector = list[Float32]
-"""Real and imaginary part at each harmonic, float32 (m,) each. They are multiplied by `Recorded.ratios`, so that all have
+"""Real and imaginary part at each harmonic, float32 (m,) each. They are multiplied by `WeightedPhasors.ratios`, so that all have
 the same noise."""
 
 
@@ -66,8 +66,8 @@ def widen(
     if not pixels.size:
         return
     phase_rad, sigma_rad = fit.paths.phase_rad[:2, pixels], fit.paths.sigma_rad[:2, pixels]
-    recorded = Recorded.of(response.block(pixels), phasors[:, pixels], noise[pixels])
-    farthest = reached(recorded, phase_rad.astype(np.float32), sigma_rad.astype(np.float32), Rule.of(settings))
+    weighted = WeightedPhasors.of(response.block(pixels), phasors[:, pixels], noise[pixels])
+    farthest = reached(weighted, phase_rad.astype(np.float32), sigma_rad.astype(np.float32), Rule.of(settings))
     sigma_rad = np.maximum(sigma_rad, farthest)
     fit.paths.sigma_rad[:2, pixels] = sigma_rad
     half = np.abs(np.sin(0.5 * (phase_rad[0] - phase_rad[1])))
@@ -103,7 +103,7 @@ class Rule:
 
 
 @dataclass(frozen=True, eq=False)
-class Recorded:
+class WeightedPhasors:
     """The phasors of m pixels as recorded, and their response.
 
     `per_variance`, (m,), is one over the variance of the first harmonic per channel; `ratios` are the standard deviations
@@ -116,7 +116,7 @@ class Recorded:
     ratios: tuple[np.float32, ...]
 
     @classmethod
-    def of(cls, response: ResponseBlock, phasors: Complex, noise: NoiseModel, /) -> "Recorded":
+    def of(cls, response: ResponseBlock, phasors: Complex, noise: NoiseModel, /) -> "WeightedPhasors":
         """Return the phasors, complex128 (H, m), as recorded."""
         first = noise.each[0].dark_variance
         ratios = tuple(np.float32(np.sqrt(first / one.dark_variance)) for one in noise.each)
@@ -125,9 +125,9 @@ class Recorded:
         per_variance: Float32 = (samples / first).astype(np.float32)
         return cls(response, [part * ratio for parts, ratio in seen for part in parts], per_variance, ratios)
 
-    def __getitem__(self, some: Index, /) -> "Recorded":
+    def __getitem__(self, some: Index, /) -> "WeightedPhasors":
         phasor = [part[some] for part in self.phasor]
-        return Recorded(self.response.block(some), phasor, self.per_variance[some], self.ratios)
+        return WeightedPhasors(self.response.block(some), phasor, self.per_variance[some], self.ratios)
 
     def answers(self, phase_rad: Float32, /) -> tuple[Vector, Vector]:
         """Return what paths of amplitude 1 give, and its derivative by the phase."""
@@ -140,17 +140,17 @@ class Recorded:
         return found, slopes
 
 
-def reach(recorded: Recorded, phase_rad: Float32, sigma_rad: Float32, rule: Rule, /) -> Float32:
+def reach(weighted: WeightedPhasors, phase_rad: Float32, sigma_rad: Float32, rule: Rule, /) -> Float32:
     """Return the largest standard deviation of the direct and the MPI path that other pairs leave, rad, float32 (2, m).
 
     It is 0 where the phasors contradict all pairs that are tried. The phases found, and their standard deviations without
     other pairs, are (2, m).
     """
     farthest = np.zeros_like(phase_rad)
-    least, _, _ = fit_beside(recorded, recorded.answers(phase_rad[0])[0], *recorded.answers(phase_rad[1]))
+    least, _, _ = fit_beside(weighted, weighted.answers(phase_rad[0])[0], *weighted.answers(phase_rad[1]))
     for moved, other in ((0, 1), (1, 0)):
         for side in (-MOVE, MOVE):
-            where, here, found, at = np.arange(phase_rad.shape[1]), recorded, phase_rad, phase_rad[other]
+            where, here, found, at = np.arange(phase_rad.shape[1]), weighted, phase_rad, phase_rad[other]
             before, usual = least, np.square(MOVE / sigma_rad[moved]) * LEAST_SHARE
             for number in map(np.float32, range(1, MOVES + 1)):
                 turned, _ = here.answers(found[moved] + number * side)
@@ -176,7 +176,9 @@ def _in_order(values: Pair, moved: int) -> Pair:
     return values if moved == 0 else (values[1], values[0])
 
 
-def fit_beside(recorded: Recorded, moved: Vector, other: Vector, slope: Vector, /) -> tuple[Float32, Pair, Float32]:
+def fit_beside(
+    weighted: WeightedPhasors, moved: Vector, other: Vector, slope: Vector, /
+) -> tuple[Float32, Pair, Float32]:
     """Fit both amplitudes and the phase of the other path beside a path that is `moved`, by linear least squares.
 
     The columns of the problem are `moved`, `other` and `slope`, the derivative of the other path by its phase. Each is
@@ -184,9 +186,9 @@ def fit_beside(recorded: Recorded, moved: Vector, other: Vector, slope: Vector, 
     moved and of the other one, and the turn of the other path, rad.
     """
     per_moved = 1.0 / _dot(moved, moved)
-    other_along, slope_along, seen_along = (_dot(v, moved) * per_moved for v in (other, slope, recorded.phasor))
+    other_along, slope_along, seen_along = (_dot(v, moved) * per_moved for v in (other, slope, weighted.phasor))
     other, slope = _less(other, other_along, moved), _less(slope, slope_along, moved)
-    seen = _less(recorded.phasor, seen_along, moved)
+    seen = _less(weighted.phasor, seen_along, moved)
     per_other = 1.0 / _dot(other, other)
     slope_across, seen_across = _dot(slope, other) * per_other, _dot(seen, other) * per_other
     slope, seen = _less(slope, slope_across, other), _less(seen, seen_across, other)
@@ -196,7 +198,7 @@ def fit_beside(recorded: Recorded, moved: Vector, other: Vector, slope: Vector, 
     beside = seen_along - amplitude * other_along - turned * slope_along
     step = turned / amplitude
     step = np.where(step > LARGEST_TURN, LARGEST_TURN, np.where(step < -LARGEST_TURN, -LARGEST_TURN, step))
-    return _dot(seen, seen) * recorded.per_variance, (beside, amplitude), step
+    return _dot(seen, seen) * weighted.per_variance, (beside, amplitude), step
 
 
 def _dot(u: Vector, v: Vector) -> Float32:
@@ -211,20 +213,20 @@ def _less(u: Vector, share: Float32, v: Vector) -> Vector:
     return [one - share * other for one, other in zip(u, v, strict=True)]
 
 
-def reached(recorded: Recorded, phase_rad: Float32, sigma_rad: Float32, rule: Rule, /) -> Float32:
+def reached(weighted: WeightedPhasors, phase_rad: Float32, sigma_rad: Float32, rule: Rule, /) -> Float32:
     """Return the result of `reach`, computed by the chosen kernel; all kernels give the same bits."""
-    tables = recorded.response.stages[-1]
+    tables = weighted.response.stages[-1]
     if not is_compiled_for(len(tables)):
-        return reach(recorded, phase_rad, sigma_rad, rule)
+        return reach(weighted, phase_rad, sigma_rad, rule)
     numbers = [table.harmonic for table in tables]
     shared = [1.0 / STEP, MOVE, rule.least_ratio, rule.sign]
-    constants = [*shared, *numbers, *(STEP / number for number in numbers), *recorded.ratios]
+    constants = [*shared, *numbers, *(STEP / number for number in numbers), *weighted.ratios]
     farthest = np.empty(phase_rad.shape, np.float32)
     given = (
         np.stack([table.entries for table in tables]),
-        recorded.response.phase_rad,
-        np.stack(recorded.phasor),
-        recorded.per_variance,
+        weighted.response.phase_rad,
+        np.stack(weighted.phasor),
+        weighted.per_variance,
         phase_rad,
         sigma_rad,
     )

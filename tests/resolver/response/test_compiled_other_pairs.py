@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from cadtof_cli.arrays import Float32
 from cadtof_cli.resolver.kernels import NUMPY
-from cadtof_cli.resolver.response.other_pairs import Recorded, Rule, reached
+from cadtof_cli.resolver.response.other_pairs import Rule, WeightedPhasors, reached
 from cadtof_cli.resolver.response.table import ENTRIES
 from tests.resolver.compiled import assert_refused, compiled_kernels
 from tests.resolver.response.phasors import COUNT, NOISE, block, paths, recorded
@@ -27,7 +27,7 @@ pytestmark = pytest.mark.usefixtures("compiled")
 RULES = [Rule(np.float32(ratio), np.float32(sign)) for ratio, sign in ((0.1, 1.0), (1.0, 1.0), (0.2, -1.0))]
 
 
-def assert_same_bits(seen: Recorded, phase_rad: Float32, sigma_rad: Float32, rule: Rule = RULES[0]) -> Float32:
+def assert_same_bits(seen: WeightedPhasors, phase_rad: Float32, sigma_rad: Float32, rule: Rule = RULES[0]) -> Float32:
     with np.errstate(all="ignore"):
         expected = by_kernel(NUMPY, reached, seen, phase_rad, sigma_rad, rule)
         for kernel in compiled_kernels():
@@ -43,7 +43,7 @@ def test_pairs_reach_as_far_to_the_bit(rule: Rule, phases: bool, apart: float) -
     """Close paths reach far, and paths that are far apart do not."""
     response, true = block(phases=phases), paths(1)
     true[3] = true[1] + np.float32(apart)
-    seen = Recorded.of(response, recorded(true, response), NOISE)
+    seen = WeightedPhasors.of(response, recorded(true, response), NOISE)
     found = assert_same_bits(seen, true[1::2], np.full((2, COUNT), 0.01, np.float32), rule)
     assert (found > 0.0).mean() > (0.5 if apart < 1.0 and not phases else 0.005)
 
@@ -56,7 +56,7 @@ def test_more_harmonics_reach_as_far_to_the_bit(harmonics: int) -> None:
     noise = replace(
         NOISE, each=tuple(replace(NOISE.each[0], harmonic=1 + row, floor=1e-7 * row) for row in range(harmonics))
     )
-    seen = Recorded.of(response, recorded(true, response), noise)
+    seen = WeightedPhasors.of(response, recorded(true, response), noise)
     assert (assert_same_bits(seen, true[1::2], np.full((2, COUNT), 0.01, np.float32)) > 0.0).any()
 
 
@@ -65,7 +65,7 @@ def test_hard_pixels_reach_as_far_to_the_bit(name: str) -> None:
     rng = np.random.default_rng(3)
     odd = np.array([0.0, -0.0, 1.0, 1e-30, 5e5, 1e30, np.nan, np.inf, -1.0, 4.0], np.float32)
     with np.errstate(all="ignore"):
-        seen = Recorded.of(block(phases=True), np.stack(HARD[name](rng, COUNT)), NOISE)
+        seen = WeightedPhasors.of(block(phases=True), np.stack(HARD[name](rng, COUNT)), NOISE)
     assert_same_bits(seen, paths(5)[1::2], np.full((2, COUNT), 0.01, np.float32))
     assert_same_bits(seen, rng.choice(odd, (2, COUNT)), rng.choice(odd, (2, COUNT)))
 
@@ -74,7 +74,7 @@ def test_hard_pixels_reach_as_far_to_the_bit(name: str) -> None:
 def test_a_pixel_reaches_as_far_in_a_block_of_any_size(count: int) -> None:
     response, true = block(phases=False), paths(1)
     true[3] = true[1] + np.float32(0.8)
-    whole, some = Recorded.of(response, recorded(true, response), NOISE), np.arange(100, 100 + count)
+    whole, some = WeightedPhasors.of(response, recorded(true, response), NOISE), np.arange(100, 100 + count)
     sigma = np.full((2, COUNT), 0.01, np.float32)
     expected = assert_same_bits(whole, true[1::2], sigma)[:, some]
     np.testing.assert_array_equal(assert_same_bits(whole[some], true[1::2][:, some], sigma[:, some]), expected)
