@@ -1,5 +1,5 @@
-"""Errors of the camera that a frame shows: noise that the settings do not explain, rows, columns or halves with offsets of their
-own, harmonics of unequal amplitude, and a converter that cuts values off or one bit of which is stuck.
+"""Errors of the camera that a frame shows: rows, columns or halves with offsets of their own, harmonics of unequal amplitude,
+and a converter that cuts values off or one bit of which is stuck.
 
 Nothing of this shows in a pixel alone. Offsets and amplitudes look like a second path, with a sigma that is far too small.
 """
@@ -9,20 +9,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Float, Float32, Stored, median, plane_names, quantiles
+from cadtof_cli.arrays import Float, Float32, Stored, median, plane_names, quantiles
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.doubts.pixels import (
     FEWEST,
     LOOKED_AT,
     left_by_one_path,
-    pairs_of_rows,
     scatters,
     sound_phasors,
     sound_values,
+    tells_scene,
 )
-from cadtof_cli.phasors.noise import MAD_PER_SIGMA, ambient_noise_v, estimated_integration_length
+from cadtof_cli.phasors.noise import MAD_PER_SIGMA
 from cadtof_cli.phasors.voltages import (
-    PhasorMap,
     ideal_phasor_map,
     phasors_from_stored,
     sound_pixels,
@@ -30,18 +29,6 @@ from cadtof_cli.phasors.voltages import (
     volts_from_stored,
     volts_per_count,
 )
-
-_MORE_NOISE, _MORE_LEFT, _LESS_NOISE = 8.0, 5.0, 4.0
-"""The noise of a frame is doubted if its variance is more than 8 times as large as the integration length explains, or
-more than 4 times smaller. Texture adds scatter: up to a factor of 5 in rendered rooms. Nothing makes scatter smaller.
-
-Without depth and brightness, the variance must be more than 5 times as large: not all of an offset is left then."""
-
-_LEAST_NOISE = 0.1
-"""Least variance of a pixel's noise, over that of a pixel in ambient light, that is reckoned with."""
-
-_COARSE_STEPS = 2.0
-"""Noise of fewer steps of whole numbers than this is not judged to be too small: rounding may hide it."""
 
 _STRIPED, _STRIPED_LEFT = 1.0, 0.7
 """Rows or columns are doubted if their offsets scatter by more than so many standard deviations of a pixel, and by more than the
@@ -99,34 +86,6 @@ _NOISE_STEPS = 0.5
 in every plane: the noise then does not spread values, and many pixels hold the same value for that reason."""
 
 
-def other_noise(stored: Stored, metadata: CaptureMetadata, phasor_map: PhasorMap | None = None, /) -> str | None:
-    """Return a message if neighbours, calibrated by a map, differ by far more or less than the integration length explains."""
-    n_av, whole = metadata.pixel.mean_length, stored.dtype.kind in "iu"
-    phasors = None if n_av is None else pairs_of_rows(stored, metadata, phasor_map)
-    if n_av is None or phasors is None:
-        return None
-    seen = estimated_integration_length(phasors.reshape(len(phasors), 2, -1), metadata, quantised=whole)
-    more = seen < n_av / _MORE_NOISE
-    if more and _tells_scene(metadata):
-        more = not _length_without_scene(phasors, metadata, quantised=whole) >= n_av / _MORE_LEFT
-    if more:
-        return (
-            f"neighbouring pixels scatter as with integration_length = {seen:.2g} instead of {n_av:g}: standard deviations "
-            f"are about {math.sqrt(n_av / seen):.2g} times too small, and noise is taken for light and for second paths. "
-            "Correct integration_length or leave it out; or, if the pixels have offsets of their own, run calibrate dark. Only a "
-            "view of fine mesh, such as a fence, looks like that, too: integration_length may then be right"
-        )
-    step_v = abs(volts_per_count(metadata.voltage, stored.dtype)) if whole else 0.0
-    fine = ambient_noise_v(metadata, integration_length=n_av) > _COARSE_STEPS * step_v
-    if fine and _LESS_NOISE * n_av < seen < math.inf:
-        return (
-            f"neighbouring pixels scatter as with integration_length = {seen:.2g} instead of {n_av:g}: standard deviations "
-            f"are about {math.sqrt(seen / n_av):.2g} times too large, and weak light and MPI are not found. Correct "
-            "integration_length or leave it out; or, if a filter smooths the frames, record without it: else sigma is wrong"
-        )
-    return None
-
-
 def other_offsets(
     stored: Stored, metadata: CaptureMetadata, offset_v: Float32, stderr_v: Sequence[float], /
 ) -> str | None:
@@ -162,20 +121,6 @@ def _sound_volts(some: Stored, metadata: CaptureMetadata) -> Float:
     return np.where(is_sound, volts_from_stored(some, metadata.voltage), np.nan)
 
 
-def _tells_scene(metadata: CaptureMetadata) -> bool:
-    """Return whether texture and edges of a scene can be told from errors of the camera: the further terms of a triangle differ
-    from pixel to pixel."""
-    return metadata.modulation.waveform == "sine" and len(metadata.modulation.harmonics) > 1
-
-
-def _length_without_scene(phasors: Complex, metadata: CaptureMetadata, *, quantised: bool) -> float:
-    """Return the n_av that explains how phasors of two rows of pixels, (H, 2·n), differ, apart from depth and brightness."""
-    left = left_by_one_path(phasors, metadata.modulation.harmonics)
-    # the more of its light is the laser's, the less noise a pixel has
-    left /= np.sqrt(np.maximum(1.0 - np.mean(np.abs(phasors) ** 2, axis=0), _LEAST_NOISE))
-    return estimated_integration_length(left.reshape(len(left), 2, -1), metadata, quantised=quantised)
-
-
 def striped(stored: Stored, metadata: CaptureMetadata, lines: str, /) -> str | None:
     """Return a message if the rows, or the columns, of a frame have offsets of their own, larger than noise; else None.
 
@@ -201,7 +146,7 @@ def striped(stored: Stored, metadata: CaptureMetadata, lines: str, /) -> str | N
     light = float(median(np.sqrt(np.nansum(volts * volts, axis=(0, 1)) / len(volts)).ravel()))
     if not (worst := float(np.max(excess))) > max(_STRIPED * float(np.max(noise)), _RIPPLED * light):
         return None
-    if _tells_scene(metadata):
+    if tells_scene(metadata):
         phasors = phasors_from_stored(planes.reshape(*planes.shape[:2], -1), ideal_phasor_map(metadata, stored.dtype))
         phasors[:, np.isnan(volts[0, 0]).ravel()] = np.nan
         left = metadata.modulation.amplitude_v * left_by_one_path(phasors, metadata.modulation.harmonics)

@@ -4,11 +4,11 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Stored
 from cadtof_cli.capture.metadata import CaptureMetadata
-from cadtof_cli.doubts.camera import cut_off, other_noise, other_offsets, stepped, striped, stuck_bit, unequal_harmonics
+from cadtof_cli.doubts.camera import cut_off, other_offsets, stepped, striped, stuck_bit, unequal_harmonics
+from cadtof_cli.doubts.other_noise import other_noise
 from cadtof_cli.doubts.pixels import FEWEST, LOOKED_AT
 from cadtof_cli.doubts.planes import mistaken_order, share_of_one_path, sheared, wrong_planes
 from cadtof_cli.doubts.shared_light import shared_in_words, wrong_zero_in_words
-from cadtof_cli.doubts.unequal_noise import unequal_noise
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA, MISFIT
 from cadtof_cli.phasors.voltages import ideal_phasor_map, spread_over
@@ -66,7 +66,7 @@ def camera_doubts(stored: Stored, metadata: CaptureMetadata, /) -> tuple[str, ..
     with np.errstate(over="ignore", invalid="ignore"):
         stripes = _told(*(striped(stored, metadata, lines) for lines in ("rows", "columns")))
         return _told(
-            other_noise(stored, metadata) or unequal_noise(stored, metadata),
+            other_noise(stored, metadata),
             *stripes,
             # each row or column with an offset of its own makes a step in the middle, too
             None if stripes else stepped(stored, metadata),
@@ -100,11 +100,7 @@ def doubts_before_run(stored: Stored, plan: FramePlan, /) -> tuple[str, ...]:
     # sigma holds the noise of the calibration, too; where this is larger than that of the frame, it is all that neighbours show
     own = correction.noise
     is_frames = own is None or n_av is None or max(own.dark) + max(own.response) < 0.5 / n_av
-    noise = None
-    if is_frames:
-        noise = other_noise(stored, metadata, correction.phasor_map) or unequal_noise(
-            stored, metadata, correction.phasor_map
-        )
+    noise = other_noise(stored, metadata, correction.phasor_map) if is_frames else None
     return _told(noise, shared_in_words(stored, metadata, correction.phasor_map))
 
 

@@ -4,13 +4,11 @@ import math
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Float, Stored, median
+from cadtof_cli.arrays import Complex, Float, Stored
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.phasors.voltages import (
-    PhasorMap,
     ideal_phasor_map,
     phasors_from_stored,
-    saturated_pixels,
     sound_pixels,
 )
 
@@ -19,34 +17,6 @@ LOOKED_AT = 4096
 
 FEWEST = 64
 """Least number of pixels from which a fault of the planes is concluded."""
-
-FULLY_LIT = 0.8
-"""Median |p| of a frame above which nearly all light is the laser's. The noise is then not judged: it is hardly any."""
-
-
-def pairs_of_rows(stored: Stored, metadata: CaptureMetadata, phasor_map: PhasorMap | None = None, /) -> Complex | None:
-    """Return the phasors of pairs of neighbouring rows that are spread over a frame, (H, n), the upper rows first; saturated
-    ones are NaN.
-
-    None if they are too few, or if nearly all light is the laser's, so that there is hardly any noise.
-    """
-    height, width = stored.shape[2:]
-    if min(height, width) < 2:
-        return None
-    pairs = np.arange(height // 2 * 2).reshape(-1, 2)
-    pairs = pairs[:: max(1, pairs.size * width // LOOKED_AT)]
-    if len(pairs) * width < FEWEST:
-        return None
-    # pairs of rows, one beside the other: a frame of two rows
-    rows = pairs.T.ravel()
-    values = stored[:, :, rows].reshape(*stored.shape[:2], -1)
-    places = np.add.outer(rows * width, np.arange(width)).ravel()
-    phasors = phasors_from_stored(values, (phasor_map or ideal_phasor_map(metadata, stored.dtype))[places])
-    phasors[:, saturated_pixels(values, metadata.voltage.saturated_counts)] = np.nan
-    lengths = np.abs(phasors[0][np.isfinite(phasors[0])])
-    if lengths.size < FEWEST or not median(lengths) < FULLY_LIT:
-        return None
-    return phasors
 
 
 def sound_values(some: Stored, metadata: CaptureMetadata, /) -> Stored:
@@ -111,3 +81,9 @@ def left_over(turned: Complex, h: Float, /) -> tuple[Float, Float]:
 def left_over_projections(h: Float, /) -> tuple[Float, Float]:
     """Return the projections, (H, H), of real and of imaginary parts onto what amplitude and phase of a path leave over."""
     return np.eye(len(h)) - 1.0 / len(h), np.eye(len(h)) - h * h.T / (h * h).sum()
+
+
+def tells_scene(metadata: CaptureMetadata, /) -> bool:
+    """Return whether texture and edges of a scene can be told from errors of the camera: the further terms of a triangle differ
+    from pixel to pixel."""
+    return metadata.modulation.waveform == "sine" and len(metadata.modulation.harmonics) > 1

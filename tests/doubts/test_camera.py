@@ -9,8 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Pulse, Voltage
-from cadtof_cli.doubts.camera import other_noise, other_offsets, stepped, striped, unequal_harmonics
+from cadtof_cli.doubts.camera import other_offsets, stepped, striped, unequal_harmonics
 from cadtof_cli.doubts.frame import camera_doubts
+from cadtof_cli.doubts.other_noise import other_noise
 from cadtof_cli.phasors.response import ideal_response
 from cadtof_cli.phasors.voltages import pixel_phasor_map
 from tests.support.boxes import AMPLITUDE_V, KNOWN, N_AV, SIZE, frame

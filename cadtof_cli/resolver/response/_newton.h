@@ -7,6 +7,7 @@
 #include "_table.h"
 
 #define MOST_STEPS 1000
+#define LARGEST_TURN 0.4f
 
 /* Constants that all pixels share: number h of each harmonic, 2 pi / ENTRIES / h of each, ENTRIES / 2 pi, 1 / variance
  * of each. */
@@ -107,7 +108,7 @@ INLINE void take_step(SearchGroup *restrict g) {
         const float x = (m.ad * n.rc + m.rc * n.ad - m.ra * n.cd - m.ac * n.rd - m.rd * n.ac - m.cd * n.ra) * scale / g->trial[0][i];
         const float b = (m.ab * n.rd + m.ra * n.bd - m.ad * n.rb - m.rb * n.ad + m.bd * n.ra + m.rd * n.ab) * scale;
         const float y = (m.ac * n.rb - m.ab * n.rc - m.ra * n.bc - m.bc * n.ra + m.rb * n.ac - m.rc * n.ab) * scale / g->trial[2][i];
-        const float turn = 0.4f / larger(fabsf(x), fabsf(y)), share = 1.0f < turn ? 1.0f : turn;
+        const float turn = LARGEST_TURN / larger(fabsf(x), fabsf(y)), share = 1.0f < turn ? 1.0f : turn;
         const float closer = g->closer[i];
         g->step[0][i] = closer > 0.0f ? a * share : 0.5f * g->step[0][i];
         g->step[1][i] = closer > 0.0f ? x * share : 0.5f * g->step[1][i];

@@ -86,10 +86,10 @@ INLINE void fit_parts_beside(FollowGroup *restrict g, const int parts) {
         const float turned = dot(seen, slope, parts) / dot(slope, slope, parts);
         take_off(seen, turned, slope, parts);
         const float amplitude = seen_across - turned * slope_across;
-        const float step = turned / amplitude, low = step < -0.4f ? -0.4f : step;
+        const float step = turned / amplitude, low = step < -LARGEST_TURN ? -LARGEST_TURN : step;
         g->amplitude[0][i] = seen_along - amplitude * other_along - turned * slope_along;
         g->amplitude[1][i] = amplitude;
-        g->step[i] = low > 0.4f ? 0.4f : low;
+        g->step[i] = low > LARGEST_TURN ? LARGEST_TURN : low;
         g->misfit[i] = dot(seen, seen, parts) * g->per_variance[i];
     }
 }

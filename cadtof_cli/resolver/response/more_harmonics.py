@@ -184,8 +184,7 @@ class ResponseFit:
     @property
     def response_arrays(self) -> tuple[NDArray[Any] | None, ...]:
         """The tables, (N, ENTRIES, 4), and the own phases of the pixels and their rotors, (N, n) each, if they have any."""
-        tables = np.stack([table.entries for table in self.response.stages[-1]])
-        return tables, *contiguous(self.response.phase_rad, self.response.rotors)
+        return self.response.entries, *contiguous(self.response.phase_rad, self.response.rotors)
 
     def strengths(self, path: Mixture, /) -> Iterator[tuple[Float, Float]]:
         """Yield, for each harmonic, the amplitude along one path and the square of its answer to amplitude 1, (n,) each."""

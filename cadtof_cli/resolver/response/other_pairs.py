@@ -18,6 +18,7 @@ from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.kernels import chosen_kernel, contiguous, extension, is_compiled_for
 from cadtof_cli.resolver.paths import CLOSE_ENOUGH, FULL_TURN, Fit
+from cadtof_cli.resolver.response.newton import LARGEST_TURN
 from cadtof_cli.resolver.response.table import STEP, ResponseBlock
 from cadtof_cli.resolver.settings import ResolverSettings
 
@@ -27,9 +28,6 @@ short moves."""
 
 MOVES = 16
 """Number of moves to either side. A straight piece of harmonic 2 is as long as all of them."""
-
-LARGEST_TURN = np.float32(0.4)
-"""Largest turn of the other path in one step, rad."""
 
 SETTLED = np.float32(0.15)
 """Turn of the other path in a step, rad, above which it is not fitted, so that the pair does not count."""
@@ -197,7 +195,7 @@ def fit_beside(
     amplitude = seen_across - turned * slope_across
     beside = seen_along - amplitude * other_along - turned * slope_along
     step = turned / amplitude
-    step = np.where(step > LARGEST_TURN, LARGEST_TURN, np.where(step < -LARGEST_TURN, -LARGEST_TURN, step))
+    step = np.clip(step, np.float32(-LARGEST_TURN), np.float32(LARGEST_TURN))
     return _dot(seen, seen) * weighted.per_variance, (beside, amplitude), step
 
 
@@ -223,7 +221,7 @@ def reached(weighted: WeightedPhasors, phase_rad: Float32, sigma_rad: Float32, r
     constants = [*shared, *numbers, *(STEP / number for number in numbers), *weighted.ratios]
     farthest = np.empty(phase_rad.shape, np.float32)
     given = (
-        np.stack([table.entries for table in tables]),
+        weighted.response.entries,
         weighted.response.phase_rad,
         np.stack(weighted.phasor),
         weighted.per_variance,

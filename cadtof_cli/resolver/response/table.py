@@ -105,6 +105,11 @@ class ResponseBlock:
         re, im, _, _ = self.stages[-1][0].planes
         return float(np.hypot(re, im).max())
 
+    @cached_property
+    def entries(self) -> Float32:
+        """The entries of the tables of all harmonics, (H, ENTRIES, 4), as compiled code takes them."""
+        return np.stack([table.entries for table in self.stages[-1]])
+
     @property
     def without_phases(self) -> "ResponseBlock":
         """The same response for pixels without own phases."""

@@ -11,7 +11,7 @@ from cadtof_cli.phasors.noise import NoiseModel, noise_model
 from cadtof_cli.phasors.response import ideal_response
 from cadtof_cli.resolver.paths import Fit, Paths, ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths
-from cadtof_cli.resolver.response.other_pairs import MOVE, MOVES, widen
+from cadtof_cli.resolver.response.other_pairs import MOVE, MOVES, Rule, widen
 from cadtof_cli.resolver.response.table import ResponseBlock, response_block
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
@@ -100,6 +100,8 @@ def test_close_paths_of_a_triangle_lie_within_their_sigma(
     found = resolved(phasors, response, noise)
     away = errors(found, x)
     assert np.mean(away < 2.0) > least
+    # sigma is no larger than it has to be
+    assert np.mean(away < 1.0) < 0.82
     assert np.mean((away > 5.0) & ~is_doubtful(found)) < 0.5 * (1.0 - least)
     monkeypatch.setattr("cadtof_cli.resolver.response.other_pairs.widen", lambda *_given, **_options: None)
     before = resolved(phasors, response, noise)
@@ -179,9 +181,32 @@ def test_three_periods_leave_other_pairs_too_if_paths_are_closer(
     phasors, x = recorded(response, noise, apart_ns=apart, ratio=0.3, asr=5.0, seed=35)
     found = resolved(phasors, response, noise)
     two = np.isfinite(found.paths.amplitude[1])
-    assert np.mean(errors(found, x)[two] < 2.0) > 0.95
+    assert np.mean(errors(found, x)[two] < 2.0) > 0.965
     monkeypatch.setattr("cadtof_cli.resolver.response.other_pairs.widen", lambda *_given, **_options: None)
     assert np.mean(errors(resolved(phasors, response, noise), x)[two] < 2.0) < without
+
+
+@pytest.mark.parametrize(
+    ("rule", "amplitude", "expected"),
+    [
+        # the first of two paths, of which each has a tenth of the other
+        (Rule(np.float32(0.1), np.float32(1.0)), (0.6, 0.3), (0.2, 0.1)),
+        # the path found first is too weak now, so that the other one is the direct path
+        (Rule(np.float32(0.1), np.float32(1.0)), (0.02, 0.6), (0.4, 0.7)),
+        # the strongest
+        (Rule(np.float32(1.0), np.float32(1.0)), (0.3, 0.6), (0.4, 0.7)),
+        # the last: the path found as direct one is behind no more
+        (Rule(np.float32(0.1), np.float32(-1.0)), (0.6, 0.3), (0.4, 0.7)),
+    ],
+)
+def test_a_pair_counts_by_its_own_direct_path(
+    rule: Rule, amplitude: tuple[float, float], expected: tuple[float, float]
+) -> None:
+    """The direct path has moved by .2 rad to earlier phases, the MPI path, .5 rad behind it, by .1 rad."""
+    direct, mpi, gap = (np.array([value], np.float32) for value in (-0.2, -0.1, 0.5))
+    of_pair = np.array([amplitude[0]], np.float32), np.array([amplitude[1]], np.float32)
+    found = rule.errors(of_pair, (direct, mpi), gap)
+    np.testing.assert_allclose(np.concatenate(found), expected, rtol=1e-5)
 
 
 def test_means_of_many_samples_reach_less_far() -> None:

@@ -9,7 +9,7 @@ import pytest
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Voltage, Waveform
 from cadtof_cli.doubts.frame import camera_doubts
-from cadtof_cli.doubts.unequal_noise import unequal_noise
+from cadtof_cli.doubts.other_noise import other_noise
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Exposure, expose_band, frame_voltages
 from cadtof_cli.simulation.scene.light import Scene
@@ -39,8 +39,8 @@ def with_length(metadata: CaptureMetadata, length: float | tuple[float, ...] | N
 @pytest.mark.parametrize("lengths", [(3e4, 1e5, 1e5), (1e5, 1e4, 1e5), (1e5, 1e5, 3e3)])
 def test_one_length_for_harmonics_with_other_noise_is_doubted(lengths: tuple[float, ...], waveform: Waveform) -> None:
     stored, metadata = frame(lengths, Wall(distance_m=2.0, asr=5.0), waveform=waveform)
-    assert unequal_noise(stored, metadata) is None
-    doubt = str(unequal_noise(stored, with_length(metadata, 5e4)))
+    assert other_noise(stored, metadata) is None
+    doubt = str(other_noise(stored, with_length(metadata, 5e4)))
     seen = re.fullmatch(r"the harmonics scatter as with integration_length = \[(.*)\], not as given: .*", doubt)
     assert seen is not None
     assert [float(length) for length in seen[1].split(", ")] == pytest.approx(lengths, rel=0.2)
@@ -51,12 +51,12 @@ def test_one_length_for_harmonics_with_other_noise_is_doubted(lengths: tuple[flo
 @pytest.mark.parametrize("length", [1e3, 1e5, 1e7])
 def test_equal_noise_is_not_doubted_nor_what_cannot_be_told(scene: Scene, length: float) -> None:
     stored, metadata = frame((length,) * 3, scene)
-    assert unequal_noise(stored, with_length(metadata, length)) is None
+    assert other_noise(stored, with_length(metadata, length)) is None
     unequal, _ = frame((1e5, 1e4, 1e5), scene)
-    assert unequal_noise(unequal, with_length(metadata, None)) is None
+    assert other_noise(unequal, with_length(metadata, None)) is None
     # counts hide the noise
     coarse = np.rint((unequal.astype(float) - 8192) / 50).astype(np.int16)
     coarse_voltage = Voltage(volts_per_count=50 * CAMERA.volts_per_count)
-    assert unequal_noise(coarse, replace(with_length(metadata, 1e5), voltage=coarse_voltage)) is None
+    assert other_noise(coarse, replace(with_length(metadata, 1e5), voltage=coarse_voltage)) is None
     # too few pixels
-    assert unequal_noise(unequal[:, :, :8], with_length(metadata, 1e5)) is None
+    assert other_noise(unequal[:, :, :8], with_length(metadata, 1e5)) is None
